@@ -330,13 +330,11 @@ fn state(
         }
     }
     let robot = &problem.request.robot;
-    let of_links = tool_uncertainty(
-        robot,
-        &model_of(report),
-        parameters,
-        &problem.identify,
-        &uncertainty,
-    );
+    let model = model_of(report);
+    let n_targets = model.targets_mm.len();
+    let of_links = tool_uncertainty(robot, &problem.identify, n_targets, |q_rad, target| {
+        uncertainty.position_std_mm(&model, parameters, q_rad, target)
+    });
     let scale = report.instrument_scale;
     report.tool_uncertainty = Some(scale.map_or(of_links, |scale| scale.added_to(of_links)));
     report.uncertainty = Some(uncertainty);

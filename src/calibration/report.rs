@@ -279,6 +279,8 @@ pub struct CalibrationReport {
     pub parameters: Vec<ParameterOutcome>,
     /// Predicted uncertainty of the tool's position over the workspace, from the links and the scale of the instrument, if it can be stated.
     pub tool_uncertainty: Option<ToolUncertainty>,
+    /// The same for predictions with corrections, if some were kept.
+    pub corrected_tool_uncertainty: Option<ToolUncertainty>,
     /// The scale of the instrument, if lengths with a certificate were measured with it.
     pub instrument_scale: Option<ScaleAtReach>,
     /// How the points scatter about the model, if it can be stated.

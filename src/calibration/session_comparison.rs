@@ -129,6 +129,7 @@ pub fn estimate_with_noise(
             parameters: problem.parameters,
             model: found.model,
             uncertainty,
+            corrected: None,
             noise,
         };
         (estimate, overstated)

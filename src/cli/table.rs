@@ -117,12 +117,16 @@ fn identified(report: &Report) -> String {
         );
     }
     line!(text, "evidence: {}", evidence(report));
-    if let Some(tool) = report.tool_uncertainty_mm {
+    let known = [
+        ("the links alone", report.tool_uncertainty_mm),
+        ("the corrections", report.tool_uncertainty_corrected_mm),
+    ];
+    for (with, tool) in known {
+        let Some(tool) = tool else { continue };
         let (mean, max) = (number(tool.mean), number(tool.max));
         line!(
             text,
-            "uncertainty of the tool's position with the links only: {mean} mm on average over the workspace, {max} mm at most (one standard \
-                 deviation); it does not cover the corrections"
+            "uncertainty of the tool's position with {with}: {mean} mm on average over the workspace, {max} mm at most (one standard deviation)"
         );
     }
     if let Some(why) = &report.tool_uncertainty_absent_because {

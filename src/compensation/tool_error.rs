@@ -2,7 +2,7 @@
 //!
 //! With d = tool − target at fixed joint values, the links' errors δ change it by ∂d/∂δ. Effects that links cannot describe change it by the features
 //! of [`misfit`](crate::identification::statistics::misfit). Both errors have the root R of their mean square error from the identification. One standard
-//! deviation of d (3-D: the root of the sum of three variances) is |∂d/∂(δ, u) · R|. Derivatives are central differences, because base and flange
+//! deviation of d (3-D: the root of the sum of three variances) is |∂d/∂(δ, u) · R|. With corrections, δ has their terms too. Derivatives are central differences, because base and flange
 //! depend on the links. Measured positions do not show theta_offset and d of the last link. Where they count, their usual errors are added in squares
 //! (see [`ToolPoint::Tcp`] and [`HeldReflector`]).
 
@@ -12,11 +12,15 @@ use crate::compensation::anchor::{
 use crate::compensation::mode::Base;
 use crate::compensation::targets::Tool;
 use crate::identification::KinematicModel;
+use crate::identification::corrections::corrected::{CorrectedModel, IdentifiedRobot};
 use crate::identification::least_squares::problem::USUAL_OFFSET_RAD;
 use crate::identification::model::parameters::{Parameter, Quantity, apply};
 use crate::identification::statistics::changes::Estimate;
+use crate::identification::statistics::corrected_errors::CorrectedErrors;
+use crate::identification::statistics::predictions::faded;
+use crate::identification::statistics::uncertainty::Uncertainty;
 use crate::kinematics::{Robot, reach_mm, t_base_flange};
-use nalgebra::{DMatrix, IsometryMatrix3, Matrix3xX, Point3, Vector3};
+use nalgebra::{DMatrix, IsometryMatrix3, Point3, Vector3};
 
 /// Step of an angle, rad. Both its square and the rounding error are negligible.
 const STEP_RAD: f64 = 1e-6;
@@ -131,42 +135,128 @@ struct Poses {
     nominal_rad: Option<Vec<f64>>,
 }
 
-/// The uncertainty of a tool that is corrected with the links of an estimate.
+/// Errors of an identified robot's tool about the identified parameters: of its links alone, or of links with corrections.
+#[derive(Clone, Debug)]
+struct ToolErrors<'a> {
+    uncertainty: &'a Uncertainty,
+    identified: PerturbedRobot,
+    /// For each parameter: its step, mm or rad, and the robot with this step to both sides.
+    moved: Vec<(f64, [PerturbedRobot; 2])>,
+    corrections: Option<(&'a CorrectedErrors, &'a CorrectedModel)>,
+}
+
+/// The uncertainty of a tool that is corrected with an identified robot.
 #[derive(Clone, Debug)]
 pub struct ToolError<'a> {
     nominal: &'a Robot,
     estimate: &'a Estimate,
+    identified: &'a IdentifiedRobot,
     tool: ToolPoint,
-    identified: PerturbedRobot,
-    /// For each parameter: its step, mm or rad, and the robot with this step to both sides.
-    moved: Vec<(f64, [PerturbedRobot; 2])>,
+    of_links: ToolErrors<'a>,
+    with_corrections: Option<ToolErrors<'a>>,
     /// Error of the flange that the estimate does not contain (3-D), mm; see [`flange_error_mm`].
     flange_error_mm: f64,
 }
 
-impl<'a> ToolError<'a> {
-    /// Prepares the uncertainty of a tool in the frame of `base`. The estimate belongs to `nominal`, and contains the target if the tool is one.
-    pub fn new(nominal: &'a Robot, estimate: &'a Estimate, base: Base, tool: ToolPoint) -> Self {
+impl<'a> ToolErrors<'a> {
+    /// `model` is perturbed by each of the parameters; `perturbed` anchors it.
+    fn new(
+        nominal: &Robot,
+        (model, parameters): (&KinematicModel, &[Parameter]),
+        uncertainty: &'a Uncertainty,
+        perturbed: impl Fn(KinematicModel) -> PerturbedRobot,
+    ) -> Self {
         let step_mm = STEP_RAD * reach_mm(&nominal.links);
-        let has_tool = contains_tool(&estimate.model.links, &nominal.links);
         let moved = |parameter: &Parameter| {
-            let step = if parameter.is_angle() {
-                STEP_RAD
-            } else {
-                step_mm
+            let step = match parameter.is_angle() {
+                true => STEP_RAD,
+                false => step_mm,
             };
-            let sides = [step, -step].map(|by| {
-                let model = apply(&estimate.model, &[*parameter], &[by]);
-                PerturbedRobot::new(model, nominal, base, has_tool)
-            });
+            let sides = [step, -step].map(|by| perturbed(apply(model, &[*parameter], &[by])));
             (step, sides)
         };
         Self {
-            identified: PerturbedRobot::new(estimate.model.clone(), nominal, base, has_tool),
+            uncertainty,
+            identified: perturbed(model.clone()),
+            moved: parameters.iter().map(moved).collect(),
+            corrections: None,
+        }
+    }
+
+    /// Standard deviation (3-D) of the tool, mm, without that of the flange.
+    fn std_mm(&self, nominal: &Robot, tool: &ToolPoint, poses: &Poses) -> f64 {
+        let slopes = self.moved.iter().flat_map(|(step, sides)| {
+            let [plus, minus] = sides
+                .each_ref()
+                .map(|side| side.miss_mm(nominal, tool, poses));
+            <[f64; 3]>::from((plus - minus) / (2.0 * step))
+        });
+        let by_parameter = DMatrix::from_iterator(3, self.moved.len(), slopes);
+        let [by_term, by_feature] = self.by_terms_and_features(tool, &poses.corrected_rad);
+        self.uncertainty
+            .displacements_mm([&by_parameter, &by_term, &by_feature])
+            .norm()
+    }
+
+    /// Displacement of the tool by the terms of the corrections and by the features of the misfit, mm per unit: 3 × t and 3 × m, in the frame in which
+    /// targets are met.
+    fn by_terms_and_features(&self, tool: &ToolPoint, q_rad: &[f64]) -> [DMatrix<f64>; 2] {
+        let PerturbedRobot { model, anchor } = &self.identified;
+        // the tool as an additional target, in the flange frame of the identified links
+        let tool_mm =
+            anchor.t_anchored_flange.inverse() * Point3::from(self.identified.tool_mm(tool));
+        let mut with_tool = model.clone();
+        with_tool.targets_mm.push(tool_mm.coords);
+        let target = model.targets_mm.len();
+        let pose = [(q_rad, target, 1.0)].into_iter();
+        let by_feature = self.uncertainty.features.features(&with_tool, pose);
+        let by_term = self.corrections.map(|(errors, corrected)| {
+            let with_tool = CorrectedModel {
+                model: with_tool,
+                ..corrected.clone()
+            };
+            errors.by_terms_mm(&with_tool, q_rad, target)
+        });
+        let by_term = by_term.unwrap_or_else(|| DMatrix::zeros(3, 0));
+        let t_measuring_anchored: IsometryMatrix3<f64> =
+            model.t_instrument_base * anchor.t_base_anchored;
+        let turned = t_measuring_anchored.rotation.inverse();
+        let turned = DMatrix::from_column_slice(3, 3, turned.matrix().as_slice());
+        [by_term, by_feature].map(|in_measuring_frame| &turned * in_measuring_frame)
+    }
+}
+
+impl<'a> ToolError<'a> {
+    /// Prepares the uncertainty of a tool in the frame of `base`. The estimate belongs to `nominal` and `identified`, and contains the target if the tool
+    /// is one.
+    pub fn new(
+        nominal: &'a Robot,
+        estimate: &'a Estimate,
+        identified: &'a IdentifiedRobot,
+        base: Base,
+        tool: ToolPoint,
+    ) -> Self {
+        let has_tool = contains_tool(&estimate.model.links, &nominal.links);
+        let perturbed = |model| PerturbedRobot::new(model, nominal, base, has_tool);
+        let about = |model: &KinematicModel, uncertainty| {
+            let identified = (model, estimate.parameters.as_slice());
+            ToolErrors::new(nominal, identified, uncertainty, perturbed)
+        };
+        let corrections = estimate
+            .corrected
+            .as_ref()
+            .zip(identified.corrected.as_ref());
+        let with_corrections = corrections.map(|(errors, corrected)| ToolErrors {
+            corrections,
+            ..about(&corrected.model, &errors.uncertainty)
+        });
+        Self {
+            of_links: about(&estimate.model, &estimate.uncertainty),
+            with_corrections,
             flange_error_mm: flange_error_mm(nominal, estimate, base, &tool),
-            moved: estimate.parameters.iter().map(moved).collect(),
             nominal,
             estimate,
+            identified,
             tool,
         }
     }
@@ -180,20 +270,12 @@ impl<'a> ToolError<'a> {
                 ToolGoal::Fixed => None,
             },
         };
-        let by_parameters = Matrix3xX::from_columns(
-            &self
-                .moved
-                .iter()
-                .map(|m| self.slope(m, &poses))
-                .collect::<Vec<_>>(),
-        );
-        let uncertainty = &self.estimate.uncertainty;
-        let (root, p) = (&uncertainty.root, uncertainty.n_parameters);
-        let mut errors: DMatrix<f64> =
-            DMatrix::from_iterator(3, p, by_parameters.iter().copied()) * root.rows(0, p);
-        if root.nrows() > p {
-            errors += self.features(&poses.corrected_rad) * root.rows(p, root.nrows() - p);
-        }
+        let of = |with_corrections: bool| {
+            let corrected = self.with_corrections.as_ref().filter(|_| with_corrections);
+            let errors = corrected.unwrap_or(&self.of_links);
+            errors.std_mm(self.nominal, &self.tool, &poses)
+        };
+        let std_mm = faded(self.estimate, self.identified, &poses.corrected_rad, of);
         // a fixed position of the reflector itself does not depend on where the flange is
         let is_of_flange = wanted != ToolGoal::Fixed || matches!(self.tool, ToolPoint::Tcp { .. });
         let flange_error_mm = if is_of_flange {
@@ -201,33 +283,6 @@ impl<'a> ToolError<'a> {
         } else {
             0.0
         };
-        libm::hypot(errors.norm(), flange_error_mm)
-    }
-
-    fn slope(&self, (step, sides): &(f64, [PerturbedRobot; 2]), poses: &Poses) -> Vector3<f64> {
-        let [plus, minus] = sides
-            .each_ref()
-            .map(|side| side.miss_mm(self.nominal, &self.tool, poses));
-        (plus - minus) / (2.0 * step)
-    }
-
-    /// Displacement of the tool by the features of the misfit, mm per rad: 3 × m, in the frame in which targets are met.
-    fn features(&self, q_rad: &[f64]) -> DMatrix<f64> {
-        let PerturbedRobot { model, anchor } = &self.identified;
-        // the tool as an additional target, in the flange frame of the identified links
-        let tool_mm =
-            anchor.t_anchored_flange.inverse() * Point3::from(self.identified.tool_mm(&self.tool));
-        let mut with_tool = model.clone();
-        with_tool.targets_mm.push(tool_mm.coords);
-        let pose = [(q_rad, model.targets_mm.len(), 1.0)];
-        let misfit = &self.estimate.uncertainty.features;
-        let in_measuring_frame = misfit.features(&with_tool, pose.into_iter());
-        let t_measuring_anchored: IsometryMatrix3<f64> =
-            model.t_instrument_base * anchor.t_base_anchored;
-        let turned = t_measuring_anchored.rotation.inverse();
-        DMatrix::from_fn(3, in_measuring_frame.ncols(), |axis, column| {
-            let moved = in_measuring_frame.fixed_view::<3, 1>(0, column);
-            (turned.matrix() * moved)[axis]
-        })
+        libm::hypot(std_mm, flange_error_mm)
     }
 }

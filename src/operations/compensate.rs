@@ -62,8 +62,9 @@ pub fn compensate(
     if tool_body.is_none() && content.target_mm(target, None).is_none() {
         return Err(unknown_target());
     }
-    let identified = content
-        .identified_robot(None)
+    let as_identified = content.identified_robot(None);
+    let identified = as_identified
+        .clone()
         .carrying(request.payload.map(Payload::from));
     let compensation = Compensation::of(robot, &identified, base);
     let tool = tool_body.map_or_else(
@@ -76,7 +77,7 @@ pub fn compensate(
         ToolPoint::Tcp { .. } => true,
     };
     let error = from.estimate.filter(has_target);
-    let error = error.map(|estimate| ToolError::new(robot, estimate, base, point));
+    let error = error.map(|estimate| ToolError::new(robot, estimate, &as_identified, base, point));
     let mut answer = Answer::new(base, error.is_some());
     answer.document.left_out = left_out(compensation.anchor(), base, {
         let is_measured = provenance.measuring_frame == Some(Frame::Base);
@@ -309,7 +310,9 @@ fn reflector_length(
     Some(Warning::new(
         "reflector_length",
         format!(
-            "d of the last link is {:+.3} mm from nominal. The model holds the reflector at the flange's origin, so an error of this link cannot be              told from a reflector that is ahead of the flange. It counts as {counts}; {otherwise}. `position_std_mm` contains {:.3} mm for this:              measure how far the reflector's centre is from the flange",
+            "d of the last link is {:+.3} mm from nominal. The model holds the reflector at the flange's origin, so an error of this link cannot be \
+             told from a reflector that is ahead of the flange. It counts as {counts}; {otherwise}. `position_std_mm` contains {:.3} mm for this: \
+             measure how far the reflector's centre is from the flange",
             held.change_mm,
             held.flange_error_mm()
         ),

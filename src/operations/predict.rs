@@ -7,7 +7,7 @@ use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::predict::{PredictAnswer, PredictBody, unknown_target};
 
 /// Predicts the positions of a target with the joint map, the identified links, the corrections and the pose of the base in the measuring frame. If
-/// there is an estimate, it gives the uncertainty of the positions.
+/// there is an estimate, it gives the uncertainty of the positions, with the corrections that they contain.
 ///
 /// # Errors
 /// [`Invalid`] for poses that do not fit the robot, or a target that the set does not have.
@@ -27,10 +27,7 @@ pub fn predict(
     let estimate = estimate.filter(|e| request.target < e.model.targets_mm.len());
     let std_mm = |estimate: &Estimate, q_deg: &Vec<f64>| {
         let q_rad: Vec<f64> = q_deg.iter().map(|deg| deg.to_radians()).collect();
-        let (model, parameters) = (&estimate.model, &estimate.parameters);
-        let q_rad = robot.q_model_rad(&q_rad);
-        let uncertainty = &estimate.uncertainty;
-        uncertainty.position_std_mm(model, parameters, &q_rad, request.target)
+        estimate.predicted_std_mm(&identified, &robot.q_model_rad(&q_rad), request.target)
     };
     let predicted = |q_deg: &Vec<f64>| -> ([f64; 3], bool) {
         let q_rad: Vec<f64> = q_deg.iter().map(|deg| deg.to_radians()).collect();

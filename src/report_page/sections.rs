@@ -97,8 +97,10 @@ pub fn facts(sources: &Sources<'_>) -> Markup {
             }
             @if seen.n_parameters > 0 { (fact("Model", &model(report))) }
             (fact("Evidence", &evidence(sources)))
-            @if let Some(tool) = report.tool_uncertainty_mm {
-                (fact("Uncertainty of the tool", &format!("{} mm on average, {} mm at worst over the workspace (one standard deviation); by the links alone, not of predictions with corrections", number(tool.mean), number(tool.max))))
+            @for (with, tool) in [("by the links alone", report.tool_uncertainty_mm), ("with corrections", report.tool_uncertainty_corrected_mm)] {
+                @if let Some(tool) = tool {
+                    (fact("Uncertainty of the tool", &format!("{} mm on average, {} mm at worst over the workspace (one standard deviation); {with}", number(tool.mean), number(tool.max))))
+                }
             }
             @if let Some(why) = &report.tool_uncertainty_absent_because { (fact("Uncertainty", &format!("not stated: {why}"))) }
             @if let Some(std_deg) = report.flange_rotation_std_deg {

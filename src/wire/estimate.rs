@@ -2,14 +2,16 @@
 
 use crate::calibration::request::Model;
 use crate::identification::KinematicModel;
+use crate::identification::corrections::Term;
 use crate::identification::least_squares::evidence::Noise;
 use crate::identification::model::parameters::{
     Parameter, complete_parameters, target_rotation_parameters,
 };
 use crate::identification::statistics::changes::Estimate;
+use crate::identification::statistics::corrected_errors::CorrectedErrors;
 use crate::identification::statistics::misfit::{Following, Misfit};
 use crate::identification::statistics::uncertainty::Uncertainty;
-use crate::kinematics::Link;
+use crate::kinematics::{Link, Mounting};
 use crate::wire::canonical::canonical_sha256;
 use crate::wire::robot::RobotBody;
 use nalgebra::{DMatrix, IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
@@ -39,6 +41,30 @@ pub struct StoredEstimate {
     noise_std_mm: f64,
     noise_freedom: f64,
     uncertainty: StoredUncertainty,
+    /// Errors of the robot with corrections; absent without corrections, and in estimates of older versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    corrected: Option<StoredCorrectedErrors>,
+}
+
+/// Stored form of [`CorrectedErrors`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct StoredCorrectedErrors {
+    terms: Vec<StoredTerm>,
+    gravity_in_base: [f64; 3],
+    gravity_std_rad: f64,
+    uncertainty: StoredUncertainty,
+}
+
+/// Stored form of [`Term`]: joints, links, axes and orders from 0.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum StoredTerm {
+    Joint(usize, usize),
+    Base(usize),
+    Mass(usize),
+    FirstMoment(usize, usize),
+    Gravity(usize),
+    Harmonic(usize, usize, usize),
 }
 
 /// Stored form of [`Uncertainty`].
@@ -58,8 +84,14 @@ struct StoredUncertainty {
     harmonics: Vec<usize>,
     held: Vec<String>,
     n_parameters: usize,
+    #[serde(default, skip_serializing_if = "is_zero")]
+    n_terms: usize,
     freedom: f64,
     stds_from_minimum: f64,
+}
+
+fn is_zero(n: &usize) -> bool {
+    *n == 0
 }
 
 /// What versions covered that stored no orders of harmonics.
@@ -94,9 +126,9 @@ impl StoredEstimate {
             parameters,
             model: found,
             uncertainty,
+            corrected,
             noise,
         } = estimate;
-        let names = |parameters: &[Parameter]| parameters.iter().map(Parameter::name).collect();
         let link = |l: &Link| [l.a_mm, l.alpha_rad, l.d_mm, l.theta_offset_rad, l.beta_rad];
         let rows = |r: &Rotation3<f64>| [0, 1, 2].map(|i| [0, 1, 2].map(|j| r[(i, j)]));
         Ok(Self {
@@ -110,32 +142,131 @@ impl StoredEstimate {
             target_rotations: found.target_rotations.iter().map(rows).collect(),
             noise_std_mm: noise.std_mm,
             noise_freedom: noise.freedom,
-            uncertainty: StoredUncertainty {
-                noise_std_mm: uncertainty.noise_std_mm,
-                configuration_std_mm: uncertainty.configuration_std_mm,
-                misfit_std_rad: uncertainty.misfit_std_rad,
-                root: Rows::from(&uncertainty.root),
-                of_noise: Rows::from(&uncertainty.of_noise),
-                prior_std: uncertainty.prior_std.clone(),
-                gravity: uncertainty
-                    .features
-                    .gravity
-                    .iter()
-                    .map(|g| (*g).into())
-                    .collect(),
-                followings: uncertainty
-                    .features
-                    .followings
-                    .iter()
-                    .map(|f| (f.joint, f.followed))
-                    .collect(),
-                harmonics: uncertainty.features.harmonics.clone(),
-                held: names(&uncertainty.features.held),
-                n_parameters: uncertainty.n_parameters,
-                freedom: uncertainty.freedom,
-                stds_from_minimum: uncertainty.stds_from_minimum,
-            },
+            uncertainty: StoredUncertainty::from(uncertainty),
+            corrected: corrected.as_ref().map(StoredCorrectedErrors::from),
         })
+    }
+}
+
+fn names(parameters: &[Parameter]) -> Vec<String> {
+    parameters.iter().map(Parameter::name).collect()
+}
+
+impl From<&Uncertainty> for StoredUncertainty {
+    fn from(uncertainty: &Uncertainty) -> Self {
+        let features = &uncertainty.features;
+        let followings = features.followings.iter().map(|f| (f.joint, f.followed));
+        Self {
+            noise_std_mm: uncertainty.noise_std_mm,
+            configuration_std_mm: uncertainty.configuration_std_mm,
+            misfit_std_rad: uncertainty.misfit_std_rad,
+            root: Rows::from(&uncertainty.root),
+            of_noise: Rows::from(&uncertainty.of_noise),
+            prior_std: uncertainty.prior_std.clone(),
+            gravity: features.gravity.iter().map(|g| (*g).into()).collect(),
+            followings: followings.collect(),
+            harmonics: features.harmonics.clone(),
+            held: names(&features.held),
+            n_parameters: uncertainty.n_parameters,
+            n_terms: uncertainty.n_terms,
+            freedom: uncertainty.freedom,
+            stds_from_minimum: uncertainty.stds_from_minimum,
+        }
+    }
+}
+
+impl StoredUncertainty {
+    /// `all` are the parameters that names may stand for.
+    fn uncertainty(&self, all: &[Parameter]) -> Result<Uncertainty, String> {
+        let (root, of_noise) = (self.root.matrix()?, self.of_noise.matrix()?);
+        let n = self.prior_std.len();
+        let n_identified = self.n_parameters.saturating_add(self.n_terms);
+        if root.nrows() != n || of_noise.nrows() != n || n_identified > n {
+            return Err("the matrices have another number of rows than there are priors".into());
+        }
+        let followings = self.followings.iter();
+        let followings = followings.map(|&(joint, followed)| Following { joint, followed });
+        Ok(Uncertainty {
+            noise_std_mm: self.noise_std_mm,
+            configuration_std_mm: self.configuration_std_mm,
+            misfit_std_rad: self.misfit_std_rad,
+            root,
+            of_noise,
+            prior_std: self.prior_std.clone(),
+            features: Misfit {
+                gravity: self.gravity.iter().map(|g| Vector3::from(*g)).collect(),
+                followings: followings.collect(),
+                harmonics: self.harmonics.clone(),
+                held: named(&self.held, all)?,
+            },
+            n_parameters: self.n_parameters,
+            n_terms: self.n_terms,
+            freedom: self.freedom,
+            stds_from_minimum: self.stds_from_minimum,
+        })
+    }
+}
+
+/// The parameters of these names.
+fn named(names: &[String], all: &[Parameter]) -> Result<Vec<Parameter>, String> {
+    let of_name = |name: &String| {
+        let found = all.iter().find(|parameter| parameter.name() == *name);
+        found.copied().ok_or(format!("no parameter {name}"))
+    };
+    names.iter().map(of_name).collect()
+}
+
+impl From<&CorrectedErrors> for StoredCorrectedErrors {
+    fn from(errors: &CorrectedErrors) -> Self {
+        Self {
+            terms: errors.terms.iter().map(|term| (*term).into()).collect(),
+            gravity_in_base: errors.mounting.gravity_in_base.into(),
+            gravity_std_rad: errors.mounting.std_rad,
+            uncertainty: StoredUncertainty::from(&errors.uncertainty),
+        }
+    }
+}
+
+impl StoredCorrectedErrors {
+    fn errors(&self, all: &[Parameter]) -> Result<CorrectedErrors, String> {
+        let uncertainty = self.uncertainty.uncertainty(all)?;
+        if uncertainty.n_terms != self.terms.len() {
+            return Err("the corrections have another number of terms than their errors".into());
+        }
+        Ok(CorrectedErrors {
+            terms: self.terms.iter().map(|term| (*term).into()).collect(),
+            mounting: Mounting {
+                gravity_in_base: self.gravity_in_base.into(),
+                std_rad: self.gravity_std_rad,
+            },
+            uncertainty,
+        })
+    }
+}
+
+impl From<Term> for StoredTerm {
+    fn from(term: Term) -> Self {
+        match term {
+            Term::Joint(joint, axis) => Self::Joint(joint, axis),
+            Term::Base(axis) => Self::Base(axis),
+            Term::Mass(link) => Self::Mass(link),
+            Term::FirstMoment(link, axis) => Self::FirstMoment(link, axis),
+            Term::Gravity(axis) => Self::Gravity(axis),
+            Term::Harmonic(joint, order, phase) => Self::Harmonic(joint, order, phase),
+        }
+    }
+}
+
+impl From<StoredTerm> for Term {
+    fn from(term: StoredTerm) -> Self {
+        match term {
+            StoredTerm::Joint(joint, axis) => Self::Joint(joint, axis),
+            StoredTerm::Base(axis) => Self::Base(axis),
+            StoredTerm::Mass(link) => Self::Mass(link),
+            StoredTerm::FirstMoment(link, axis) => Self::FirstMoment(link, axis),
+            StoredTerm::Gravity(axis) => Self::Gravity(axis),
+            StoredTerm::Harmonic(joint, order, phase) => Self::Harmonic(joint, order, phase),
+        }
     }
 }
 
@@ -175,13 +306,6 @@ impl TryFrom<&StoredEstimate> for Estimate {
             .into_iter()
             .chain(target_rotation_parameters(&turned))
             .collect();
-        let parameters = |names: &[String]| -> Result<Vec<Parameter>, String> {
-            let of_name = |name: &String| {
-                let found = all.iter().find(|parameter| parameter.name() == *name);
-                found.copied().ok_or(format!("no parameter {name}"))
-            };
-            names.iter().map(of_name).collect()
-        };
         let link = |[a_mm, alpha_rad, d_mm, theta_offset_rad, beta_rad]: [f64; 5]| Link {
             a_mm,
             alpha_rad,
@@ -192,15 +316,9 @@ impl TryFrom<&StoredEstimate> for Estimate {
         let rotation = |rows: &[[f64; 3]; 3]| {
             Rotation3::from_matrix_unchecked(Matrix3::from_fn(|i, j| rows[i][j]))
         };
-        let found = &stored.uncertainty;
-        let root = found.root.matrix()?;
-        let of_noise = found.of_noise.matrix()?;
-        let n = found.prior_std.len();
-        if root.nrows() != n || of_noise.nrows() != n || found.n_parameters > n {
-            return Err("the matrices have another number of rows than there are priors".into());
-        }
+        let corrected = stored.corrected.as_ref();
         Ok(Self {
-            parameters: parameters(&stored.parameters)?,
+            parameters: named(&stored.parameters, &all)?,
             model: KinematicModel {
                 t_instrument_base: IsometryMatrix3::from_parts(
                     Translation3::from(Vector3::from(stored.translation_mm)),
@@ -214,27 +332,8 @@ impl TryFrom<&StoredEstimate> for Estimate {
                     .collect(),
                 target_rotations: stored.target_rotations.iter().map(rotation).collect(),
             },
-            uncertainty: Uncertainty {
-                noise_std_mm: found.noise_std_mm,
-                configuration_std_mm: found.configuration_std_mm,
-                misfit_std_rad: found.misfit_std_rad,
-                root,
-                of_noise,
-                prior_std: found.prior_std.clone(),
-                features: Misfit {
-                    gravity: found.gravity.iter().map(|g| Vector3::from(*g)).collect(),
-                    followings: found
-                        .followings
-                        .iter()
-                        .map(|&(joint, followed)| Following { joint, followed })
-                        .collect(),
-                    harmonics: found.harmonics.clone(),
-                    held: parameters(&found.held)?,
-                },
-                n_parameters: found.n_parameters,
-                freedom: found.freedom,
-                stds_from_minimum: found.stds_from_minimum,
-            },
+            uncertainty: stored.uncertainty.uncertainty(&all)?,
+            corrected: corrected.map(|errors| errors.errors(&all)).transpose()?,
             noise: Noise {
                 std_mm: stored.noise_std_mm,
                 freedom: stored.noise_freedom,

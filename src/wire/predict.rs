@@ -41,7 +41,7 @@ pub struct PredictAnswer {
     /// corrections.
     pub extrapolated: Vec<bool>,
     /// Standard uncertainty of each position, mm (3-D: root of the sum of the three variances). It contains the uncertainty of the identified links,
-    /// base and target. It does not contain the robot's repeatability. Absent if the uncertainty of the links is not known.
+    /// base, target and corrections. It does not contain the robot's repeatability. Absent if the uncertainty of the links is not known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub position_std_mm: Option<Vec<f64>>,
     /// Warnings. `set_withdrawn`: the parameter set was withdrawn. `check_robot`: a session did not fit the robot, which may have changed. `no_fit`,

@@ -70,6 +70,10 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
             .tool_uncertainty
             .filter(|t| t.max_mm.is_finite())
             .map(Into::into),
+        tool_uncertainty_corrected_mm: core
+            .corrected_tool_uncertainty
+            .filter(|t| t.max_mm.is_finite())
+            .map(Into::into),
         tool_uncertainty_absent_because: core.uncertainty_absent_because.clone(),
         flange_rotation_std_deg: core
             .flange_rotation

@@ -69,10 +69,14 @@ pub struct Report {
     /// The reference of the instrument; absent if the upload names none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reference: Option<ReferenceReport>,
-    /// Predicted uncertainty of the tool's position over the workspace, for the link parameters and the scale of the instrument. It includes the errors that the corrections in
-    /// use describe, but not the errors of the corrections themselves. Null if it cannot be computed.
+    /// Predicted uncertainty of the tool's position over the workspace, for the links alone and the scale of the instrument. It includes the errors that
+    /// kept corrections describe, because the links alone have them. Null if it cannot be computed.
     #[schema(required)]
     pub tool_uncertainty_mm: Option<ToolUncertaintyReport>,
+    /// The same for predictions and corrected targets, which contain the corrections. Absent without corrections, if it cannot be computed, and in
+    /// reports of older versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tool_uncertainty_corrected_mm: Option<ToolUncertaintyReport>,
     /// Reason why neither the tool nor any parameter has an uncertainty. Absent if they have one, or if no parameters were identified.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tool_uncertainty_absent_because: Option<String>,

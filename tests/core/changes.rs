@@ -87,6 +87,8 @@ fn an_estimate_is_stored_to_the_last_bit() {
     let text = serde_json::to_string(&stored).unwrap();
     let read: StoredEstimate = serde_json::from_str(&text).unwrap();
     assert_eq!(Estimate::try_from(&read).unwrap(), estimate);
+    // an estimate of an older version has no errors of corrections
+    assert!(!text.contains("corrected") && estimate.corrected.is_none());
 }
 
 fn names(changes: &Changes) -> Vec<&str> {

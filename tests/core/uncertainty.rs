@@ -231,6 +231,37 @@ fn the_predicted_tool_uncertainty_is_that_of_unseen_poses() {
     }
 }
 
+/// What was stated of the links counted for predictions with corrections too: three to 25 times their error.
+#[test]
+fn predictions_with_corrections_are_off_by_as_much_as_is_stated() {
+    let none = NonlinearErrors::NONE;
+    let sags = NonlinearErrors {
+        sag_rad: 1e-3,
+        ..none
+    };
+    let turns = NonlinearErrors {
+        harmonic_rad: 3e-4,
+        ..none
+    };
+    for errors in [sags, turns] {
+        let mut ratios: Vec<f64> = (0..9)
+            .map(|seed| {
+                let nominal = limited(paper_robot());
+                let found = identified(&nominal, &Campaign::PLAIN, &errors, seed, 200);
+                let report = &found.report;
+                let [links, corrected] =
+                    [report.tool_uncertainty, report.corrected_tool_uncertainty];
+                let [links_mm, corrected_mm] = [links, corrected].map(|tool| tool.unwrap().mean_mm);
+                assert!(corrected_mm < 0.5 * links_mm, "{corrected_mm} {links_mm}");
+                found.stated_mm.unwrap() / found.corrected_mm
+            })
+            .collect();
+        ratios.sort_by(f64::total_cmp);
+        println!("stated over true: {ratios:.2?}");
+        assert!((0.67..1.5).contains(&ratios[4]), "{ratios:?}");
+    }
+}
+
 #[test]
 fn poses_that_show_little_of_the_robot_leave_the_tool_uncertain() {
     let nominal = paper_robot();

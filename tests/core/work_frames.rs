@@ -2,8 +2,10 @@
 
 use crate::data::paper_robot;
 use crate::simulation::{
-    Campaign, Normal, anchored_robot, limited, measure, poses, robot_of_the_priors, true_robot,
+    Campaign, NonlinearErrors, Normal, anchored_robot, limited, measure, nonlinear_set, poses,
+    robot_of_the_priors, true_robot,
 };
+use kincal::calibration::request::{Estimate, Model};
 use kincal::calibration::{CalibrationReport, CalibrationRequest, calibrate};
 use kincal::compensation::{
     Base, Compensation, FixtureDoubt, FixtureMisfit, FixtureMistake, FixturePoint, Mode, Status,
@@ -15,9 +17,12 @@ use kincal::kinematics::{Robot, t_base_flange};
 use kincal::measurement::{Frame, MeasurementSet, Subset};
 use kincal::operations::{Correctable, compensate};
 use kincal::wire::compensate::{CartesianTarget, CompensateBody};
+use kincal::wire::estimate::StoredEstimate;
 use kincal::wire::frames::Transform;
+use kincal::wire::json;
 use kincal::wire::named_frame::{FixturePointBody, WorkFrameBody, WorkFrameReference};
 use kincal::wire::parameter_set::{ParameterSetContent, Provenance};
+use kincal::wire::robot::RobotBody;
 use kincal::wire::tool::{ToolBody, quaternion};
 use nalgebra::{IsometryMatrix3, Point3, Translation3, Vector3};
 use std::ops::ControlFlow;
@@ -115,10 +120,12 @@ fn the_uncertainty_of_a_tool_is_that_of_predictions_and_of_simulated_robots() {
         let truth = true_robot(&nominal, 3, &mut Normal::new(200 + seed));
         let report = identified(&nominal, &truth, seed, Frame::Instrument);
         let estimate = report.estimate.as_ref().expect("an estimate");
-        let error = ToolError::new(&nominal, estimate, Base::Measured, ToolPoint::Target(0));
         let robot = ParameterSetContent::from(&report).identified_robot(None);
+        let error_in =
+            |base| ToolError::new(&nominal, estimate, &robot, base, ToolPoint::Target(0));
+        let error = error_in(Base::Measured);
         let compensation = Compensation::of(&nominal, &robot, Base::Robot);
-        let in_base = ToolError::new(&nominal, estimate, Base::Robot, ToolPoint::Target(0));
+        let in_base = error_in(Base::Robot);
         for q in poses(10, &mut Normal::new(300 + seed)) {
             let by_derivative =
                 estimate
@@ -146,6 +153,59 @@ fn the_uncertainty_of_a_tool_is_that_of_predictions_and_of_simulated_robots() {
     assert!((0.67..1.5).contains(&ratio), "{ratio}");
 }
 
+const ROBOT_JSON: &str = include_str!("../../data/paper/robot.json");
+
+/// The first oracle is the derivative that the corrections' fit uses, the second one are robots that sag.
+#[test]
+fn the_uncertainty_of_a_tool_with_corrections_is_that_of_predictions_and_of_robots_that_sag() {
+    let nominal = limited(paper_robot());
+    let sags = NonlinearErrors {
+        sag_rad: 1e-3,
+        ..NonlinearErrors::NONE
+    };
+    let (mut squares, mut stated) = (0.0, 0.0);
+    for seed in 0..6 {
+        let mut random = Normal::new(seed);
+        let (truth, mut set) = nonlinear_set(&nominal, &Campaign::PLAIN, &sags, &mut random);
+        // measured in the base frame
+        let t_base_instrument = truth.truth.t_instrument_base.inverse();
+        let in_base = |p: Vector3<f64>| (t_base_instrument * Point3::from(p)).coords;
+        set.frame = Frame::Base;
+        for point in &mut set.points {
+            point.position_mm = in_base(point.position_mm);
+        }
+        let request = CalibrationRequest::new(nominal.clone(), set);
+        let report = calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
+        let estimate = report.estimate.as_ref().expect("an estimate");
+        let body: RobotBody = json::parse(ROBOT_JSON.as_bytes()).unwrap();
+        let stored = StoredEstimate::new(estimate, Model::Complete, &body).unwrap();
+        assert_eq!(&Estimate::try_from(&stored).unwrap(), estimate);
+        assert!(estimate.corrected.is_some());
+        let robot = ParameterSetContent::from(&report).identified_robot(None);
+        let tool = ToolPoint::Target(0);
+        let error = ToolError::new(&nominal, estimate, &robot, Base::Measured, tool);
+        let compensation = Compensation::of(&nominal, &robot, Base::Measured);
+        let tool = Tool::Target(robot.target_mm(0));
+        for q in poses(20, &mut Normal::new(300 + seed)) {
+            let predicted_mm = estimate.predicted_std_mm(&robot, &q, 0);
+            let ratio = error.std_mm(&q, ToolGoal::Fixed) / predicted_mm;
+            assert!((ratio - 1.0).abs() < 0.02, "{ratio}");
+            // a position of the reflector, in the measuring frame, that the corrected joint values are to reach
+            let wanted: [f64; 3] = (robot.position(&q, 0) + Vector3::new(3.0, -2.0, 1.0)).into();
+            let wanted = isometry(wanted, [0.0; 3]);
+            let reached = compensation.reach(&wanted, &q, &tool, Mode::Position);
+            let q_rad = &reached.corrected.q_controller_rad;
+            let missed = in_base(truth.position(q_rad, 0)) - wanted.translation.vector;
+            squares += missed.norm_squared();
+            let std_mm = error.std_mm(q_rad, ToolGoal::Fixed);
+            stated += std_mm * std_mm;
+        }
+    }
+    let ratio = (stated / squares).sqrt();
+    println!("stated over true: {ratio:.3}");
+    assert!((0.67..1.5).contains(&ratio), "{ratio}");
+}
+
 /// A drawing knows the tool relative to the nominal flange. Positions do not show where the real flange is along and about the last axis.
 #[test]
 fn a_tool_from_a_drawing_is_as_uncertain_as_the_flange_of_simulated_robots() {
@@ -165,9 +225,10 @@ fn a_tool_from_a_drawing_is_as_uncertain_as_the_flange_of_simulated_robots() {
             }
             let report = identified(&nominal, &truth, seed, frame);
             let estimate = report.estimate.as_ref().expect("an estimate");
-            let drawn = ToolError::new(&nominal, estimate, base, point(None));
-            let measured = ToolError::new(&nominal, estimate, base, point(Some(0.0)));
             let robot = ParameterSetContent::from(&report).identified_robot(None);
+            let error_of = |tool| ToolError::new(&nominal, estimate, &robot, base, tool);
+            let drawn = error_of(point(None));
+            let measured = error_of(point(Some(0.0)));
             let compensation = Compensation::of(&nominal, &robot, base);
             let real = Compensation::new(&nominal, &truth.links);
             let t_frame_base = match base {

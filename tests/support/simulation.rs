@@ -465,6 +465,8 @@ pub struct Scored {
     pub links_mm: f64,
     /// With corrections, mm.
     pub corrected_mm: f64,
+    /// Standard uncertainty of the predictions with corrections at these poses, rms, mm; `None` where nothing is stated.
+    pub stated_mm: Option<f64>,
 }
 
 /// Identifies a simulated robot and scores it.
@@ -497,9 +499,17 @@ pub fn identified(
         rms(&|q| found.plain.position(q, 0)),
         rms(&|q| found.position(q, 0)),
     );
+    let stated_mm = report.estimate.as_ref().map(|estimate| {
+        let squares = unseen.iter().map(|q| {
+            let std_mm = estimate.predicted_std_mm(&found, q, 0);
+            std_mm * std_mm
+        });
+        (squares.sum::<f64>() / n_unseen as f64).sqrt()
+    });
     Scored {
         report,
         links_mm,
         corrected_mm,
+        stated_mm,
     }
 }

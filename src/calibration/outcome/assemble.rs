@@ -283,9 +283,13 @@ pub fn report(
     let tool = estimated.as_ref().map(|estimated| {
         let (robot, points) = (&request.robot, &delivered_problem.identify);
         let parameters = &problem.parameters;
-        let of_links = tool_uncertainty(robot, delivered_model, parameters, points, estimated);
+        let n_targets = delivered_model.targets_mm.len();
+        let of_links = tool_uncertainty(robot, points, n_targets, |q_rad, target| {
+            estimated.position_std_mm(delivered_model, parameters, q_rad, target)
+        });
         with_found_misfit(of_links, &identify)
     });
+    let corrected_tool = final_fit.and_then(Final::corrected_tool_uncertainty);
     let instrument_scale = request.scale_at_reach();
     let mut not_determined = None;
     // No least-squares fit has converged. The answer has not reached a minimum, and the weakest parameter combinations are furthest from it.
@@ -344,6 +348,9 @@ pub fn report(
             &data_share,
         ),
         tool_uncertainty: tool
+            .filter(|_| uncertainty.is_some())
+            .map(|tool| instrument_scale.map_or(tool, |scale| scale.added_to(tool))),
+        corrected_tool_uncertainty: corrected_tool
             .filter(|_| uncertainty.is_some())
             .map(|tool| instrument_scale.map_or(tool, |scale| scale.added_to(tool))),
         instrument_scale,

@@ -28,17 +28,6 @@ pub fn estimated(
     if without_redundancy(problem).is_some() {
         return None;
     }
-    let robot = &problem.request.robot;
-    let is_held = |parameter: &Parameter| !problem.parameters.contains(parameter);
-    let misfit = Misfit {
-        followings: Following::of_arm(robot.links.len(), &problem.identify),
-        gravity: gravity_directions(robot.mounting.as_ref().map(|m| &m.gravity_in_base)),
-        harmonics: HARMONICS.to_vec(),
-        held: complete_parameters(robot.links.len(), problem.screening.targets.len())
-            .into_iter()
-            .filter(is_held)
-            .collect(),
-    };
     let clusters = problem.observed.clusters(Subset::Identify);
     let counting: Vec<usize> = (0..clusters.len())
         .filter(|i| problem.identify[*i].weight > 0.0)
@@ -78,9 +67,25 @@ pub fn estimated(
         observations: &observations,
         configurations: &configurations,
         stations: &stations,
-        misfit,
+        corrections: None,
+        misfit: misfit(problem),
         watch,
     })
+}
+
+/// The sources of a misfit of the problem's robot.
+pub fn misfit(problem: &Problem<'_>) -> Misfit {
+    let robot = &problem.request.robot;
+    let is_held = |parameter: &Parameter| !problem.parameters.contains(parameter);
+    Misfit {
+        followings: Following::of_arm(robot.links.len(), &problem.identify),
+        gravity: gravity_directions(robot.mounting.as_ref().map(|m| &m.gravity_in_base)),
+        harmonics: HARMONICS.to_vec(),
+        held: complete_parameters(robot.links.len(), problem.screening.targets.len())
+            .into_iter()
+            .filter(is_held)
+            .collect(),
+    }
 }
 
 /// Why no uncertainty is stated; `None` if one is stated.

@@ -65,19 +65,19 @@ impl Found {
 }
 
 /// Points with nonzero weight, at a fitted model.
-struct Points {
-    observations: Vec<Observation>,
+pub(super) struct Points {
+    pub(super) observations: Vec<Observation>,
     /// The number of each point's configuration, from 0.
-    clusters: Vec<usize>,
+    pub(super) clusters: Vec<usize>,
     sessions: Vec<Option<String>>,
     /// Set-up of each point; empty if all are of the reference set-up.
-    set_ups: Vec<Option<usize>>,
+    pub(super) set_ups: Vec<Option<usize>>,
     n_motions: usize,
 }
 
 impl Points {
     /// The identify points with the weights of the request's loss, thinned evenly to [`MAX_POINTS`].
-    fn new(problem: &Problem<'_>, model: &KinematicModel) -> Self {
+    pub(super) fn new(problem: &Problem<'_>, model: &KinematicModel) -> Self {
         let weighted = problem.loss.reweighted(model, &problem.identify);
         let clusters = problem.observed.clusters(Subset::Identify);
         let rows = (0..problem.observed.all.len())
@@ -120,7 +120,7 @@ impl Points {
 }
 
 /// Everything that stays the same in all fits of corrections.
-fn setting<'a>(
+pub(super) fn setting<'a>(
     problem: &'a Problem<'_>,
     nominal: &'a KinematicModel,
     priors: &'a [Prior],
@@ -387,13 +387,13 @@ pub fn corrections(
     }
 }
 
-/// Fits the kept corrections again, to all identify points of another problem, beside its `model`. Also returns σ² of a coordinate, mm². `None` if no
-/// correction was kept, or if the equations cannot be solved.
+/// Fits the kept corrections again, to all identify points of another problem, beside its `model`. `None` if no correction was kept, or if the equations
+/// cannot be solved.
 pub fn refit(
     problem: &Problem<'_>,
     model: &KinematicModel,
     found: &Found,
-) -> Option<(CorrectedModel, f64)> {
+) -> Option<(CorrectedModel, Fitted)> {
     let (fitted, kept) = (found.fitted.as_ref()?, found.corrected.as_ref()?);
     let points = Points::new(problem, model);
     let observations = &points.observations;
@@ -412,11 +412,11 @@ pub fn refit(
         problem.request.seed,
     )?;
     let corrected = CorrectedModel {
-        model: fitted.model,
+        model: fitted.model.clone(),
         corrections,
         region: region(observations, nominal.links.len()),
     };
-    Some((corrected, fitted.variance))
+    Some((corrected, fitted))
 }
 
 /// Numbers from 0 in order of first appearance.

@@ -11,6 +11,7 @@ use crate::calibration::preparation::stated_priors::stated_priors;
 use crate::calibration::problem::Problem;
 use crate::calibration::report::{FinalErrors, Warning};
 use crate::calibration::request::{FinalFit, Preset};
+use crate::calibration::solve::corrected_errors::corrected_errors;
 use crate::calibration::solve::corrections;
 use crate::calibration::solve::solution::least_squares_from;
 use crate::calibration::stages::{quiet, watched};
@@ -20,7 +21,9 @@ use crate::identification::KinematicModel;
 use crate::identification::corrections::corrected::{CorrectedModel, IdentifiedRobot};
 use crate::identification::model::objective::residuals;
 use crate::identification::statistics::changes::Estimate;
+use crate::identification::statistics::corrected_errors::CorrectedErrors;
 use crate::identification::statistics::uncertainty::Uncertainty;
+use crate::identification::statistics::workspace::{ToolUncertainty, tool_uncertainty};
 use crate::kinematics::reach_mm;
 use crate::measurement::Subset;
 use crate::solvers::watch::Watch;
@@ -36,11 +39,26 @@ pub struct Final<'a> {
     pub corrected: Option<CorrectedModel>,
     /// Its uncertainty, whether or not it can be stated.
     pub uncertainty: Option<Uncertainty>,
+    /// Errors of the robot with corrections.
+    pub corrected_errors: Option<CorrectedErrors>,
     /// Its errors, for the report.
     pub errors: FinalErrors,
 }
 
 impl Final<'_> {
+    /// Uncertainty of the tool's position that is predicted with corrections; `None` without corrections.
+    pub fn corrected_tool_uncertainty(&self) -> Option<ToolUncertainty> {
+        let estimate = self.estimate().filter(|found| found.corrected.is_some())?;
+        let robot = IdentifiedRobot {
+            plain: self.model.clone(),
+            corrected: self.corrected.clone(),
+        };
+        let n_targets = self.model.targets_mm.len();
+        let (nominal, points) = (&self.problem.request.robot, &self.problem.identify);
+        let std_mm = |q_rad: &[f64], target| estimate.predicted_std_mm(&robot, q_rad, target);
+        Some(tool_uncertainty(nominal, points, n_targets, std_mm))
+    }
+
     /// The estimate for comparison with other sessions, if its uncertainty can be stated.
     pub fn estimate(&self) -> Option<Estimate> {
         let uncertainty = self.uncertainty.as_ref();
@@ -49,6 +67,7 @@ impl Final<'_> {
             parameters: self.problem.parameters.clone(),
             model: self.model.clone(),
             uncertainty: uncertainty.filter(|_| is_stated)?.clone(),
+            corrected: self.corrected_errors.clone(),
             noise: self.problem.noise(&self.model),
         })
     }
@@ -85,29 +104,33 @@ pub fn final_fit<'a>(
         corrected: corrections.and_then(|found| found.corrected.clone()),
     };
     let problem = watched(monitor, |watch| verified.over_all_points(model, watch)).flatten()?;
-    let (model, corrected) = match verified.observed.subsets.contains(&Subset::Verify) {
-        false => (model.clone(), before.corrected.clone()),
+    let of_verified = corrections.and_then(|found| found.fitted.as_ref());
+    let (model, corrected, fitted) = match verified.observed.subsets.contains(&Subset::Verify) {
+        false => (
+            model.clone(),
+            before.corrected.clone(),
+            of_verified.cloned(),
+        ),
         true => {
             let fit = least_squares_from(&problem, model, None, &mut quiet(monitor))?;
             let refit = |found| corrections::refit(&problem, &fit.model, found);
             let refitted = corrections.and_then(refit);
-            let fitted = corrections.and_then(|found| found.fitted.as_ref());
             // compare both fits in the same way: if corrections cannot be fitted again, by the links alone
-            let (std_mm, verified_std_mm) = match (&refitted, fitted) {
-                (Some((_, variance)), Some(fitted)) => (variance.sqrt(), fitted.variance.sqrt()),
+            let (std_mm, verified_std_mm) = match (&refitted, of_verified) {
+                (Some((_, all)), Some(verified)) => (all.variance.sqrt(), verified.variance.sqrt()),
                 _ => (
                     problem.noise(&fit.model).std_mm,
                     verified.noise(model).std_mm,
                 ),
             };
-            let corrected = refitted.map(|(corrected, _)| corrected);
             if std_mm
                 > MAX_SCATTER * verified_std_mm
                     + ROUNDING_PER_REACH * reach_mm(&verified.request.robot.links)
             {
                 return Ok((None, Some(subsets_differ(std_mm, verified_std_mm))));
             }
-            (fit.model, corrected)
+            let (corrected, fitted) = refitted.unzip();
+            (fit.model, corrected, fitted)
         }
     };
     let after = IdentifiedRobot {
@@ -124,7 +147,12 @@ pub fn final_fit<'a>(
         rms_mm: (sum / counting.len().max(1) as f64).sqrt(),
         moved_mm: moved.mean_mm,
     };
+    let with_corrections = |watch: &Watch<'_>| {
+        let fitted = fitted.as_ref()?;
+        corrected_errors(&problem, &model, fitted, watch)
+    };
     let fit = Final {
+        corrected_errors: watched(monitor, with_corrections)?,
         uncertainty: watched(monitor, |watch| estimated(&problem, &model, watch))?,
         problem,
         model,

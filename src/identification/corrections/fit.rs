@@ -91,6 +91,15 @@ impl<'a> Setting<'a> {
         corrections
     }
 
+    /// Prior standard deviation of each term.
+    pub fn widths(&self, terms: &[Term]) -> Vec<f64> {
+        let reach_mm = reach_mm(&self.nominal.links);
+        let of_terms = terms
+            .iter()
+            .map(|term| term.prior(&self.mounting, reach_mm));
+        of_terms.collect()
+    }
+
     /// The points as they are placed at a fit.
     pub fn placed(&self, at: &Fitted) -> Cow<'a, [Observation]> {
         if self.set_ups.is_empty() {
@@ -131,9 +140,8 @@ impl<'a> Setting<'a> {
             prior[j] += scale * scale;
             pull[j] += scale * (known.mean - deviation) / known.std;
         }
-        let reach_mm = reach_mm(&self.nominal.links);
-        for (j, (term, value)) in at.terms.iter().zip(&at.values).enumerate() {
-            let width = term.prior(&self.mounting, reach_mm);
+        let widths = self.widths(&at.terms);
+        for (j, (value, width)) in at.values.iter().zip(widths).enumerate() {
             by_term.column_mut(j).scale_mut(width);
             pull[p + j] = -value / width;
         }
@@ -186,9 +194,8 @@ impl<'a> Setting<'a> {
             let off = (deviation - known.mean) / known.std;
             off * off
         });
-        let reach_mm = reach_mm(&self.nominal.links);
-        let terms = at.terms.iter().zip(&at.values);
-        let of_terms = terms.map(|(term, value)| value / term.prior(&self.mounting, reach_mm));
+        let of_terms = at.values.iter().zip(self.widths(&at.terms));
+        let of_terms = of_terms.map(|(value, width)| value / width);
         of_parameters.sum::<f64>() + of_terms.map(|x| x * x).sum::<f64>()
     }
 
@@ -196,10 +203,8 @@ impl<'a> Setting<'a> {
     fn stepped(&self, at: &Fitted, x: &DVector<f64>, share: f64) -> Fitted {
         let x = x * share;
         let p = self.parameters.len();
-        let reach_mm = reach_mm(&self.nominal.links);
         let deviations: Vec<f64> = self.scale.iter().zip(&x).map(|(s, x)| s * x).collect();
-        let widths = at.terms.iter().map(|t| t.prior(&self.mounting, reach_mm));
-        let values = at.values.iter().zip(widths).enumerate();
+        let values = at.values.iter().zip(self.widths(&at.terms)).enumerate();
         Fitted {
             model: apply(&at.model, self.parameters, &deviations),
             values: values

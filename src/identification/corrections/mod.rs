@@ -10,7 +10,7 @@ mod selection;
 
 pub use fit::{Fitted, Setting, fit};
 pub use folds::Evidence;
-pub use linear::linearise;
+pub use linear::{linearise, rotation_rows};
 pub use selection::{Selected, refit, select};
 
 use crate::kinematics::{Corrections, Mounting};

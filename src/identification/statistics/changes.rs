@@ -13,6 +13,7 @@ use crate::identification::KinematicModel;
 use crate::identification::least_squares::evidence::Noise;
 use crate::identification::least_squares::problem::variable;
 use crate::identification::model::parameters::{Parameter, Quantity, deviation_from};
+use crate::identification::statistics::corrected_errors::CorrectedErrors;
 use crate::identification::statistics::difference::{
     Common, Whitened, named_by_selection, named_each, tail,
 };
@@ -32,6 +33,8 @@ pub struct Estimate {
     pub model: KinematicModel,
     /// Its uncertainty.
     pub uncertainty: Uncertainty,
+    /// Errors of the robot with corrections, if some were kept and their errors are known.
+    pub corrected: Option<CorrectedErrors>,
     /// Noise of the session about the model.
     pub noise: Noise,
 }

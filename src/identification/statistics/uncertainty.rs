@@ -15,6 +15,9 @@
 //! of δ and u has a mean and a covariance. The identified robot has δ = 0 and u = 0, so the mean is an error of it. The mean counts as one more
 //! standard deviation in addition to those of the covariance. With many poses, u is known and the error tends to the mean: it neither vanishes nor
 //! grows.
+//!
+//! The uncertainty of a robot with corrections is that of the same problem at the fit of links and corrections: δ then has the terms of the corrections
+//! too, and u is what these leave.
 
 use crate::identification::KinematicModel;
 use crate::identification::least_squares::estimate::evidence_at;
@@ -23,7 +26,7 @@ use crate::identification::model::parameters::Parameter;
 use crate::identification::statistics::distributions::t_half_width;
 use crate::identification::statistics::misfit::Misfit;
 use crate::identification::statistics::uncertainty_problem::Rows;
-pub use crate::identification::statistics::uncertainty_problem::Session;
+pub use crate::identification::statistics::uncertainty_problem::{FittedCorrections, Session};
 use crate::identification::statistics::uncertainty_solution::Solved;
 use nalgebra::{DMatrix, Vector3};
 
@@ -36,8 +39,8 @@ pub struct Uncertainty {
     pub configuration_std_mm: f64,
     /// σm, rad per unit feature, the larger of both; 0 if none is significant.
     pub misfit_std_rad: f64,
-    /// Root of the mean square error, (p + m) × k: the p parameters in mm or rad, then the m features in rad (none of those that are not significant). Each column is one
-    /// standard deviation of an independent cause. The last column is the mean of the posterior.
+    /// Root of the mean square error, (p + t + m) × k: the p parameters in mm or rad, the t terms of corrections, then the m features in rad (none of
+    /// those that are not significant). Each column is one standard deviation of an independent cause. The last column is the mean of the posterior.
     pub root: DMatrix<f64>,
     /// Effect of the noise alone on the most probable values, (p + m) × k.
     pub of_noise: DMatrix<f64>,
@@ -47,6 +50,8 @@ pub struct Uncertainty {
     pub features: Misfit,
     /// Number of parameters, p.
     pub n_parameters: usize,
+    /// Number of terms of corrections, whose rows follow those of the parameters; 0 for links alone.
+    pub n_terms: usize,
     /// Degrees of freedom: number of rows minus the number of coordinates that they determine. If configurations share errors, the means of
     /// configurations count instead of rows.
     pub freedom: f64,
@@ -59,7 +64,11 @@ pub struct Uncertainty {
 pub fn uncertainty(session: Session<'_>) -> Option<Uncertainty> {
     let rows = Rows::new(&session);
     let columns = &rows.columns;
-    let (links, alone) = evidence_at(session.problem, session.model);
+    let (links_alone, points) = match &session.corrections {
+        None => (session.model, session.problem),
+        Some(of) => of.links_alone,
+    };
+    let (links, alone) = evidence_at(points, links_alone);
     let mut solved = rows.solve(&links, 0.0);
     let mut freedom = solved.triangle.freedom(&solved.posterior);
     let shared = rows.shared(&solved.columns, &solved.posterior, solved.evidence.sigma_mm);
@@ -104,13 +113,14 @@ pub fn uncertainty(session: Session<'_>) -> Option<Uncertainty> {
         },
     };
     // the placements of stations are not needed outside
-    let stations = columns.n_parameters..columns.without_features();
+    let stations = columns.stations();
     let kept: Vec<usize> = (0..posterior.step.len())
         .filter(|j| !stations.contains(j))
         .collect();
-    let unit = |j: usize| match session.problem.variables.get(j) {
-        Some(variable) => variable.width,
-        None => 1.0,
+    let unit = |j: usize| match (session.problem.variables.get(j), &session.corrections) {
+        (Some(variable), _) => variable.width,
+        (None, Some(of)) if columns.terms().contains(&j) => of.widths[j - columns.terms().start],
+        _ => 1.0,
     };
     let in_units = |matrix: &DMatrix<f64>| {
         DMatrix::from_fn(kept.len(), matrix.ncols(), |i, k| {
@@ -132,6 +142,7 @@ pub fn uncertainty(session: Session<'_>) -> Option<Uncertainty> {
             .map(|j| evidence.widths[*j] * unit(*j))
             .collect(),
         n_parameters: columns.n_parameters,
+        n_terms: columns.n_terms,
         freedom: freedom.max(1.0),
         stds_from_minimum: alone.stds_from_fit(),
         features,
@@ -200,13 +211,19 @@ impl Uncertainty {
         target: usize,
     ) -> DMatrix<f64> {
         let here = [Observation::at(q_rad.to_vec(), Vector3::zeros(), target)];
-        let p = self.n_parameters;
         let jacobian = weighted_jacobian(model, parameters, &here, &Vector3::zeros());
-        let mut errors = jacobian * self.root.rows(0, p);
-        if self.root.nrows() > p {
-            let pose = [(q_rad, target, 1.0)].into_iter();
-            errors +=
-                self.features.features(model, pose) * self.root.rows(p, self.root.nrows() - p);
+        let pose = [(q_rad, target, 1.0)].into_iter();
+        let features = self.features.features(model, pose);
+        self.displacements_mm([&jacobian, &DMatrix::zeros(3, 0), &features])
+    }
+
+    /// Displacement by each cause, mm: 3 × k, from the derivatives by the parameters, by the terms, and by the features.
+    pub fn displacements_mm(&self, derivatives: [&DMatrix<f64>; 3]) -> DMatrix<f64> {
+        let mut errors = DMatrix::zeros(3, self.root.ncols());
+        let mut first = 0;
+        for by in derivatives {
+            errors += by * self.root.rows(first, by.ncols());
+            first += by.ncols();
         }
         errors
     }

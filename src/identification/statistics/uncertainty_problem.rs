@@ -1,11 +1,14 @@
 //! The rows of the wider problem of [`uncertainty`](super::uncertainty).
 
 use crate::identification::KinematicModel;
+use crate::identification::corrections::{Fitted, linearise, rotation_rows};
 use crate::identification::least_squares::evidence::{Posterior, Triangle};
 use crate::identification::least_squares::problem::Problem;
 use crate::identification::model::objective::Observation;
+use crate::identification::model::parameters::Parameter;
 use crate::identification::statistics::distributions::f_tail;
 use crate::identification::statistics::misfit::Misfit;
+use crate::kinematics::{Corrections, Mounting};
 use crate::solvers::watch::Watch;
 use nalgebra::{DMatrix, DVector, Matrix3, MatrixXx3, Vector3};
 use std::ops::Range;
@@ -29,16 +32,34 @@ pub struct Session<'a> {
     pub configurations: &'a [usize],
     /// The instrument's station of each observation, from 0; `None` for the reference station, in whose frame the model is.
     pub stations: &'a [Option<usize>],
-    /// The misfit of the links.
+    /// The corrections that were fitted together with the links; their effect is a part of the prediction.
+    pub corrections: Option<FittedCorrections<'a>>,
+    /// The misfit of the links, or of links and corrections.
     pub misfit: Misfit,
     /// Asked between parts of the work whether to go on. After a stop the result is not valid.
     pub watch: &'a Watch<'a>,
+}
+
+/// Corrections at their fit. Their terms are further coordinates of the problem, with the priors of that fit.
+pub struct FittedCorrections<'a> {
+    /// Links, terms and their values.
+    pub fitted: &'a Fitted,
+    /// The corrections without a residual network: what the network takes away counts as misfit and noise.
+    pub corrections: Corrections,
+    /// Gravity as it was known.
+    pub mounting: Mounting,
+    /// Prior standard deviation of each term.
+    pub widths: Vec<f64>,
+    /// The fit of links alone to the same points, and those points as it places them. The priors of the links are as wide as there.
+    pub links_alone: (&'a KinematicModel, &'a Problem<'a>),
 }
 
 /// The columns of the wider problem.
 pub(super) struct Columns {
     pub(super) n_parameters: usize,
     n_stations: usize,
+    /// Terms of the corrections.
+    pub(super) n_terms: usize,
     /// Features of the misfit: pairs of joints that may follow each other, harmonics of higher orders than the first, and the usual ones.
     pub(super) n_followings: usize,
     n_higher: usize,
@@ -46,8 +67,17 @@ pub(super) struct Columns {
 }
 
 impl Columns {
+    pub(super) fn stations(&self) -> Range<usize> {
+        self.n_parameters..self.n_parameters + 6 * self.n_stations
+    }
+
+    pub(super) fn terms(&self) -> Range<usize> {
+        let first = self.stations().end;
+        first..first + self.n_terms
+    }
+
     pub(super) fn without_features(&self) -> usize {
-        self.n_parameters + 6 * self.n_stations
+        self.terms().end
     }
 
     pub(super) fn higher(&self) -> Range<usize> {
@@ -113,6 +143,7 @@ impl<'a> Rows<'a> {
             problem,
             configurations,
             stations,
+            corrections,
             misfit,
             ..
         } = session;
@@ -134,14 +165,22 @@ impl<'a> Rows<'a> {
         let columns = Columns {
             n_parameters: problem.variables.len(),
             n_stations: stations.iter().flatten().map(|s| s + 1).max().unwrap_or(0),
+            n_terms: corrections.as_ref().map_or(0, |c| c.widths.len()),
             n_followings: misfit.followings.len(),
             n_higher,
             n_usual: n_features - misfit.followings.len() - n_higher,
         };
+        let mut x = problem.coordinates(model);
+        x.resize(columns.without_features(), 0.0);
+        if let Some(of) = corrections {
+            let values = of.fitted.values.iter().zip(&of.widths);
+            let values: Vec<f64> = values.map(|(value, width)| value / width).collect();
+            x[columns.terms()].copy_from_slice(&values);
+        }
         Self {
             session,
             columns,
-            x: problem.coordinates(model),
+            x,
             points_of,
         }
     }
@@ -176,18 +215,9 @@ impl<'a> Rows<'a> {
         matrix
             .columns_mut(self.columns.without_features(), features.ncols())
             .copy_from(&features);
-        let part = problem.part(points.iter().map(|point| point.observation));
-        let mut of_blocks = DMatrix::zeros(part.n_rows(), self.columns.n_parameters);
-        let mut left = vec![0.0; part.n_rows()];
-        part.evaluate(&self.x, &mut left, Some(&mut of_blocks));
-        let mut residuals = Vec::with_capacity(matrix.nrows());
+        let residuals = self.of_model(points, &mut matrix);
         for (k, point) in points.iter().enumerate() {
             let o = &observations[point.observation];
-            let first = part.rows_of(k).start + 3 * usize::from(point.is_rotation);
-            residuals.extend_from_slice(&left[first..first + 3]);
-            matrix
-                .view_mut((3 * k, 0), (3, self.columns.n_parameters))
-                .copy_from(&of_blocks.rows(first, 3));
             if point.is_rotation {
                 let turns = -misfit.turns(model, o);
                 matrix
@@ -217,6 +247,60 @@ impl<'a> Rows<'a> {
             }
         }
         (matrix, residuals)
+    }
+
+    /// Fills the columns of parameters and terms, and returns the residuals.
+    fn of_model(&self, points: &[Point], matrix: &mut DMatrix<f64>) -> Vec<f64> {
+        let (problem, p) = (self.session.problem, self.columns.n_parameters);
+        let mut residuals = Vec::with_capacity(matrix.nrows());
+        let Some(of) = &self.session.corrections else {
+            let part = problem.part(points.iter().map(|point| point.observation));
+            let mut of_blocks = DMatrix::zeros(part.n_rows(), p);
+            let mut left = vec![0.0; part.n_rows()];
+            part.evaluate(&self.x[..p], &mut left, Some(&mut of_blocks));
+            for (k, point) in points.iter().enumerate() {
+                let first = part.rows_of(k).start + 3 * usize::from(point.is_rotation);
+                residuals.extend_from_slice(&left[first..first + 3]);
+                let to = &mut matrix.view_mut((3 * k, 0), (3, p));
+                to.copy_from(&of_blocks.rows(first, 3));
+            }
+            return residuals;
+        };
+        let observations = points.iter().map(|point| point.observation);
+        let observations: Vec<Observation> = observations
+            .map(|i| self.session.observations[i].clone())
+            .collect();
+        let parameters: Vec<Parameter> = problem.variables.iter().map(|v| v.parameter).collect();
+        let unknowns = (parameters.as_slice(), of.fitted.terms.as_slice());
+        let model = self.session.model;
+        let (left, by_parameter, by_term) = linearise(
+            model,
+            &of.corrections,
+            &of.mounting,
+            unknowns,
+            &observations,
+        );
+        let rotation_rows = rotation_rows(model, &observations);
+        let widths = problem.variables.iter().map(|v| v.width);
+        for (k, point) in points.iter().enumerate() {
+            let of_rotation = rotation_rows[k].filter(|_| point.is_rotation);
+            let first = of_rotation.unwrap_or(3 * k);
+            residuals.extend_from_slice(&left.as_slice()[first..first + 3]);
+            // a larger prediction leaves a smaller residual
+            let columns = widths
+                .clone()
+                .enumerate()
+                .map(|(j, width)| (j, by_parameter.column(j), width));
+            let terms = of.widths.iter().enumerate();
+            let terms =
+                terms.map(|(j, width)| (self.columns.terms().start + j, by_term.column(j), *width));
+            for (column, effect, width) in columns.chain(terms) {
+                for row in 0..3 {
+                    matrix[(3 * k + row, column)] = -effect[first + row] * width;
+                }
+            }
+        }
+        residuals
     }
 
     /// As [`Self::of`] for the points of a configuration, with their shared error whitened: V = 1 + ρ·A·Aᵀ has the eigenvectors [`Common::along`], and
@@ -272,6 +356,7 @@ impl<'a> Rows<'a> {
         }
         triangle.append(&some);
         triangle.expect(self.session.problem);
+        triangle.expect_zero(self.columns.terms());
         triangle.expect_zero(self.columns.higher());
         triangle.expect_zero(self.columns.usual());
         triangle

@@ -82,6 +82,8 @@ impl Rows<'_> {
                 ..links.clone()
             };
             evidence.widths.resize(flat.len(), Evidence::FLAT);
+            // the terms of corrections are in units of their priors
+            evidence.widths[self.columns.terms()].fill(1.0);
             let [usual_std_rad, higher_std_rad] = stds_rad;
             for (features, std_rad) in [(&higher, higher_std_rad), (&usual, usual_std_rad)] {
                 if std_rad > 0.0 {

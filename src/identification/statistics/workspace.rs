@@ -1,9 +1,6 @@
 //! Uncertainty of a calibrated robot over its workspace.
 
-use crate::identification::KinematicModel;
 use crate::identification::model::objective::Observation;
-use crate::identification::model::parameters::Parameter;
-use crate::identification::statistics::uncertainty::Uncertainty;
 use crate::kinematics::Robot;
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -22,16 +19,15 @@ pub struct ToolUncertainty {
     pub max_mm: f64,
 }
 
-/// The tool's uncertainty at random configurations of the workspace. A joint's range is its limits, if they are known. Otherwise it is the measured
+/// The tool's uncertainty at random configurations of the workspace. `std_mm` has the standard deviation of a target's position, mm. A joint's range is its limits, if they are known. Otherwise it is the measured
 /// range, extended to at least a quarter turn to both sides of its middle. The target with the largest uncertainty counts.
 pub fn tool_uncertainty(
     robot: &Robot,
-    model: &KinematicModel,
-    parameters: &[Parameter],
     observations: &[Observation],
-    uncertainty: &Uncertainty,
+    n_targets: usize,
+    std_mm: impl Fn(&[f64], usize) -> f64,
 ) -> ToolUncertainty {
-    let ranges: Vec<(f64, f64)> = (0..model.links.len())
+    let ranges: Vec<(f64, f64)> = (0..robot.links.len())
         .map(|joint| range(robot, observations, joint))
         .collect();
     let mut random = ChaCha8Rng::seed_from_u64(SEED);
@@ -41,12 +37,10 @@ pub fn tool_uncertainty(
             .iter()
             .map(|(low, high)| low + (high - low) * random.random::<f64>())
             .collect();
-        let of_target = |target| uncertainty.position_std_mm(model, parameters, &q_rad, target);
-        let std_mm = (0..model.targets_mm.len())
-            .map(of_target)
-            .fold(0.0, f64::max);
-        sum += std_mm;
-        max_mm = max_mm.max(std_mm);
+        let of_targets = (0..n_targets).map(|target| std_mm(&q_rad, target));
+        let largest_mm = of_targets.fold(0.0, f64::max);
+        sum += largest_mm;
+        max_mm = max_mm.max(largest_mm);
     }
     ToolUncertainty {
         mean_mm: sum / N_CONFIGURATIONS as f64,

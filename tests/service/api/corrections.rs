@@ -180,6 +180,24 @@ async fn corrections_come_with_their_evidence_and_stand_apart_from_the_links() {
         );
     }
 
+    // Predictions are as uncertain as links and corrections are, not as the links alone.
+    let poses: Vec<&Value> = (report["per_point"].as_array().unwrap().iter())
+        .map(|point| &point["q_deg"])
+        .take(20)
+        .collect();
+    let predicted = cell
+        .app
+        .post(&format!("{set}/predict"), &json!({"q_deg": poses}))
+        .await
+        .ok(200);
+    let std_mm: Vec<f64> = serde_json::from_value(predicted["position_std_mm"].clone()).unwrap();
+    let [links_mm, corrected_mm] = ["tool_uncertainty_mm", "tool_uncertainty_corrected_mm"]
+        .map(|of| number(&report[of]["mean"]));
+    assert!(
+        3.0 * corrected_mm < links_mm && rms(&std_mm) < 0.5 * links_mm,
+        "{std_mm:?}, {corrected_mm} of {links_mm}"
+    );
+
     // With corrections off: the same links, and nothing else.
     let (plain, plain_set) = cell.identify(json!({"corrections": "off"})).await;
     let links_alone = cell.app.get(&plain_set).await.ok(200);

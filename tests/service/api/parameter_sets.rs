@@ -449,7 +449,7 @@ async fn an_uncertainty_that_is_not_true_is_absent_and_a_gate_that_needs_one_say
     assert!(report["tool_uncertainty_mm"]["max"].is_number());
     assert!(report.get("tool_uncertainty_absent_because").is_none());
     let page = app.get(&format!("{path}.html")).await.text();
-    assert!(page.contains("by the links alone, not of predictions with corrections"));
+    assert!(page.contains("(one standard deviation); by the links alone"));
 }
 
 fn set_of(job: &Value) -> &Value {
