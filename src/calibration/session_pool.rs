@@ -20,12 +20,12 @@ use crate::calibration::{Error, Monitor, unusable};
 use crate::identification::least_squares::evidence::Noise;
 use crate::identification::model::parameters::Parameter;
 use crate::identification::statistics::changes::{
-    Change, Estimate, FALSE_ALARMS, Tested, compare, compare_target,
+    Change, Estimate, FALSE_ALARMS, Tested, compare, compare_base, compare_target,
 };
 use crate::measurement::csv::MAX_TARGETS;
 use crate::measurement::sessions::{first_rows, name, shared_targets};
 use crate::measurement::split::has_column;
-use crate::measurement::{MeasurementSet, Subset};
+use crate::measurement::{Frame, MeasurementSet, Subset};
 use std::collections::BTreeSet;
 
 /// Refusal code: the sessions are not of one robot in one state.
@@ -186,6 +186,7 @@ pub fn compare_sessions(
         }
         let alarm = share_of_alarms(request);
         shared_targets_agree(request, &estimates, alarm)?;
+        bases_agree(request, &estimates, alarm)?;
         pooled(&estimates, alarm).map_err(|error| match error {
             Error::Unusable { code, detail } => Error::Unusable {
                 code,
@@ -216,11 +217,15 @@ fn too_coarse(session: usize, overstated: &OverstatedNoise) -> Error {
     unusable(NOISE_OVERSTATED, detail)
 }
 
-/// Probability of a false alarm of each test, so that one of all of them is as rare as stated: robot and shared targets, of each pair of sessions.
+/// Probability of a false alarm of each test, so that one of all of them is as rare as stated: robot, base in one frame, and shared targets, of each pair
+/// of sessions.
 fn share_of_alarms(request: &CalibrationRequest) -> f64 {
     let sets = &request.sessions;
+    let of_base = usize::from(request.set.frame == Frame::Base);
     let of_targets = |(a, b): (usize, usize)| shared_targets(&sets[a], &sets[b]).count();
-    let n_tests: usize = pairs(sets.len()).map(|pair| 1 + of_targets(pair)).sum();
+    let n_tests: usize = pairs(sets.len())
+        .map(|pair| 1 + of_base + of_targets(pair))
+        .sum();
     FALSE_ALARMS / n_tests.max(1) as f64
 }
 
@@ -254,6 +259,40 @@ fn shared_targets_agree(
             );
             return Err(unusable(TARGET_MOUNTED_ANEW, detail));
         }
+    }
+    Ok(())
+}
+
+/// Refuses sessions in the base frame between which the base moved: corrected targets are met in one base only.
+fn bases_agree(
+    request: &CalibrationRequest,
+    estimates: &[Estimate],
+    alarm: f64,
+) -> Result<(), Error> {
+    if request.set.frame != Frame::Base {
+        return Ok(());
+    }
+    for (earlier, later) in pairs(estimates.len()) {
+        let tested = compare_base(&estimates[earlier], &estimates[later]);
+        let Some(tested) = tested.filter(|tested| tested.probability < alarm) else {
+            continue;
+        };
+        let changes: Vec<&Change> = tested.changes.iter().collect();
+        let detail = format!(
+            "the base is elsewhere in {} than in {}, though both are in the base frame: {} (chi-square {:.1} of {} combinations; an unmoved base shows as \
+             much with probability {}). The robot was moved, or the frame was set up anew. Identify the last session alone; or upload them with \
+             frame=instrument, where each session has its own base",
+            name(later),
+            name(earlier),
+            match changes.is_empty() {
+                true => "no single number explains the difference".into(),
+                false => list(&changes),
+            },
+            tested.chi_square,
+            tested.n_combinations,
+            probability_in_words(tested.probability)
+        );
+        return Err(unusable(SESSIONS_DIFFER, detail));
     }
     Ok(())
 }

@@ -45,6 +45,8 @@ type Joints = SVector<f64, MAX_LINKS>;
 pub enum Tool {
     /// An identified target: its offset in the flange frame of the identified links (of those with corrections, if there are some), mm.
     Target(Vector3<f64>),
+    /// An identified target that was measured as a pose: its pose in the same flange frame, mm.
+    TargetPose(IsometryMatrix3<f64>),
     /// The tool centre point in the controller: its pose in the nominal flange frame, mm.
     Tcp(IsometryMatrix3<f64>),
 }
@@ -174,6 +176,7 @@ impl<'a> Compensation<'a> {
                 Translation3::from(self.p_anchored_mm(p)),
                 Rotation3::identity(),
             ),
+            Tool::TargetPose(pose) => self.anchor.t_anchored_flange * pose,
             Tool::Tcp(pose) => *pose,
         }
     }

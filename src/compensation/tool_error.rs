@@ -88,10 +88,10 @@ pub enum ToolPoint {
 }
 
 impl ToolPoint {
-    /// The centre of a tool. `target` is the number of [`Tool::Target`], `std_mm` is that of a [`Tool::Tcp`].
+    /// The centre of a tool. `target` is the number of a [`Tool::Target`] or [`Tool::TargetPose`], `std_mm` is that of a [`Tool::Tcp`].
     pub fn of(tool: &Tool, target: usize, std_mm: Option<f64>) -> Self {
         match tool {
-            Tool::Target(_) => Self::Target(target),
+            Tool::Target(_) | Tool::TargetPose(_) => Self::Target(target),
             Tool::Tcp(pose) => Self::Tcp {
                 flange_mm: pose.translation.vector,
                 std_mm,

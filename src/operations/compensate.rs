@@ -18,7 +18,7 @@ use crate::wire::named_frame::{WorkFrameBody, WorkFrameReference};
 use crate::wire::parameter_set::{ParameterSetContent, Provenance};
 use crate::wire::predict::unknown_target;
 use crate::wire::tool::ToolBody;
-use nalgebra::IsometryMatrix3;
+use nalgebra::{IsometryMatrix3, Translation3};
 
 /// An identified robot, with the work frame and the tool that a request refers to by name.
 #[derive(Clone, Copy, Debug)]
@@ -68,7 +68,7 @@ pub fn compensate(
         .carrying(request.payload.map(Payload::from));
     let compensation = Compensation::of(robot, &identified, base);
     let tool = tool_body.map_or_else(
-        || Tool::Target(identified.target_mm(target)),
+        || identified_tool(content, identified.model(), target),
         |tool| Tool::Tcp(IsometryMatrix3::from(tool)),
     );
     let point = ToolPoint::of(&tool, target, tool_body.and_then(|tool| tool.std_mm));
@@ -119,6 +119,24 @@ pub fn compensate(
         answer.add(reached.corrected, std_mm, extrapolated);
     }
     Ok(answer.with_poses())
+}
+
+/// The tool of an identified target. Of a reflector only the position is known: its tool is oriented as the flange is.
+fn identified_tool(
+    content: &ParameterSetContent,
+    identified: &KinematicModel,
+    target: usize,
+) -> Tool {
+    let p_flange_target = identified.targets_mm[target];
+    let mut of_target = content.targets.iter().filter(|of| of.target == target);
+    let is_pose = of_target.any(|of| of.quaternion.is_some());
+    match identified.target_rotations.get(target).filter(|_| is_pose) {
+        Some(rotation) => Tool::TargetPose(IsometryMatrix3::from_parts(
+            Translation3::from(p_flange_target),
+            *rotation,
+        )),
+        None => Tool::Target(p_flange_target),
+    }
 }
 
 /// The answer, to which the targets are added one by one.

@@ -44,7 +44,7 @@ pub struct CompensateBody {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(min_length = 1, max_length = 200)]
     pub frame: Option<String>,
-    /// Use this reflector as the tool, 0-based.
+    /// Use this identified target as the tool, 0-based. A target that was measured as a pose has its own orientation, a reflector that of the flange.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(maximum = 31)]
     pub target: Option<usize>,

@@ -16,6 +16,8 @@ use crate::calibration::solve::corrections;
 use crate::calibration::solve::final_fit::Final;
 use crate::calibration::solve::most_probable::DETERMINED;
 use crate::calibration::solve::solution::Found;
+use crate::calibration::upload_checks::alignment::ROTATION_SUSPECT;
+use crate::calibration::upload_checks::rotations::better_reading;
 use crate::calibration::validation::coverage::shows_little;
 use crate::calibration::validation::errors::{self, errors};
 use crate::calibration::validation::repeatability::repeatability;
@@ -39,7 +41,7 @@ use crate::identification::corrections::corrected::IdentifiedRobot;
 use crate::identification::model::objective::Observation;
 use crate::identification::statistics::workspace::tool_uncertainty;
 use crate::identification::{KinematicModel, TrainedNetwork};
-use crate::kinematics::Link;
+use crate::kinematics::{Link, Robot};
 use crate::measurement::{Frame, Subset};
 use crate::solvers::watch::Watch;
 use std::collections::BTreeSet;
@@ -420,6 +422,16 @@ pub fn report(
         request.options.loss,
         Some(&problem.arrangement),
     ));
+    // the identified robot shows a wrong convention where the nominal one is too far off
+    if request.set.has_poses() {
+        let identified = Robot {
+            links: delivered_model.links.clone(),
+            ..request.robot.clone()
+        };
+        let told = better_reading(&identified, &request.set);
+        let told = told.map(|detail| Warning::new(ROTATION_SUSPECT, detail));
+        report.warnings.extend(told);
+    }
     let overstated = OverstatedNoise::of(delivered_problem, delivered_model);
     report
         .warnings

@@ -18,7 +18,7 @@ use crate::identification::model::parameters::Parameter;
 use crate::identification::screening::steps::Columns;
 use crate::measurement::Subset;
 use crate::solvers::watch::Watch;
-use nalgebra::{DMatrix, Vector3};
+use nalgebra::{DMatrix, DVector, Vector3};
 
 /// Maximum number of fits of the motions between set-ups. Each is a Gauss-Newton step; two are usual.
 const MOTION_FITS: usize = 6;
@@ -154,7 +154,14 @@ pub fn fit_motions(
         let found = if arrangement.motions.len() < 2 {
             true
         } else {
-            move_setups(&fit, &parameters, observed, arrangement, &points)
+            let noise_mm = rows.least_sigma_mm;
+            move_setups(
+                (&fit, &parameters),
+                observed,
+                arrangement,
+                &points,
+                noise_mm,
+            )
         };
         model = Some(fit);
         if found || watch.was_stopped() {
@@ -164,13 +171,14 @@ pub fn fit_motions(
     Ok(model.unwrap_or_else(|| KinematicModel::nominal(&request.robot.links, targets.len())))
 }
 
-/// One Gauss-Newton step of the motions together with all other unknowns. Returns true once the step is small.
+/// One Gauss-Newton step of the motions together with all other unknowns, from the most probable robot for the present motions. Returns true once the step
+/// is small. `least_noise_mm` bounds the noise of a coordinate from below.
 fn move_setups(
-    model: &KinematicModel,
-    parameters: &[Parameter],
+    (model, parameters): (&KinematicModel, &[Parameter]),
     observed: &Observed,
     arrangement: &mut Arrangement,
     points: &[usize],
+    least_noise_mm: f64,
 ) -> bool {
     let columns = Columns::new(model, &observed.all);
     let of_position = |p: &usize| observed.all[*p].position_alone();
@@ -178,8 +186,11 @@ fn move_setups(
     let derivatives = derivatives(model, parameters, &fitted, &columns, arrangement, points);
     let moving = moving(arrangement, points);
     let n_seen = derivatives.ncols() - 6 * moving.len();
-    let Some(solution) = least_squares_solution(derivatives, &weighted_residuals(model, &fitted))
-    else {
+    let residuals = weighted_residuals(model, &fitted);
+    let noise_mm = (residuals.norm_squared() / residuals.len().max(1) as f64)
+        .sqrt()
+        .max(least_noise_mm);
+    let Some(solution) = most_probable_step(derivatives, &residuals, n_seen, noise_mm) else {
         return true;
     };
     let mut largest = 0.0f64;
@@ -196,11 +207,25 @@ fn move_setups(
     largest <= MOTION_FOUND_PER_REACH * reach_mm(&model.links, observed.all.iter())
 }
 
-fn least_squares_solution(
+/// The Gauss-Newton step r ≈ A·x of all unknowns. The first `n_known` of them have a prior of standard deviation 1, and are at their most probable values
+/// when the others are held. At these values the gradients of rows and priors cancel each other, so each prior is a row σ·xᵢ = −(Aᵀ·r)ᵢ/σ. With it, a
+/// few points of many set-ups determine the step too.
+fn most_probable_step(
     derivatives: DMatrix<f64>,
-    residuals: &nalgebra::DVector<f64>,
+    residuals: &DVector<f64>,
+    n_known: usize,
+    noise_mm: f64,
 ) -> Option<Vec<f64>> {
-    let (q, r) = derivatives.qr().unpack();
-    r.solve_upper_triangular(&q.tr_mul(residuals))
-        .map(|x| x.iter().copied().collect())
+    let n_rows = derivatives.nrows();
+    let gradient = derivatives.columns(0, n_known).tr_mul(residuals);
+    let mut rows = derivatives.resize_vertically(n_rows + n_known, 0.0);
+    let mut right = residuals.clone().resize_vertically(n_rows + n_known, 0.0);
+    for known in 0..n_known {
+        rows[(n_rows + known, known)] = noise_mm;
+        right[n_rows + known] = -gradient[known] / noise_mm;
+    }
+    let (q, r) = rows.qr().unpack();
+    let solution = r.solve_upper_triangular(&q.tr_mul(&right))?;
+    let is_whole = solution.len() == r.ncols() && solution.iter().all(|x| x.is_finite());
+    is_whole.then(|| solution.iter().copied().collect())
 }

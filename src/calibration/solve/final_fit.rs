@@ -7,6 +7,7 @@ use crate::calibration::outcome::delivery::delivered;
 use crate::calibration::outcome::stated_uncertainty::{estimated, why_not_stated};
 use crate::calibration::preparation::arrangement::Arrangement;
 use crate::calibration::preparation::motions::fit_motions;
+use crate::calibration::preparation::row_weights::weigh;
 use crate::calibration::preparation::stated_priors::stated_priors;
 use crate::calibration::problem::Problem;
 use crate::calibration::report::{FinalErrors, Warning};
@@ -86,7 +87,7 @@ pub fn is_wanted(problem: &Problem<'_>) -> bool {
 }
 
 /// Maximum ratio of two standard deviations of a coordinate: in the fit to all points, and in the fit to the identify subset. Above it, the two
-/// subsets do not belong together. Each standard deviation takes the degrees of freedom of its fit into account.
+/// subsets do not belong together, if that is no chance. Each standard deviation takes the degrees of freedom of its fit into account.
 const MAX_SCATTER: f64 = 3.0;
 /// Differences below this share of the robot's reach are rounding.
 const ROUNDING_PER_REACH: f64 = 1e-6;
@@ -116,18 +117,18 @@ pub fn final_fit<'a>(
             let refit = |found| corrections::refit(&problem, &fit.model, found);
             let refitted = corrections.and_then(refit);
             // compare both fits in the same way: if corrections cannot be fitted again, by the links alone
-            let (std_mm, verified_std_mm) = match (&refitted, of_verified) {
-                (Some((_, all)), Some(verified)) => (all.variance.sqrt(), verified.variance.sqrt()),
-                _ => (
-                    problem.noise(&fit.model).std_mm,
-                    verified.noise(model).std_mm,
-                ),
-            };
-            if std_mm
-                > MAX_SCATTER * verified_std_mm
-                    + ROUNDING_PER_REACH * reach_mm(&verified.request.robot.links)
+            let mut noises = [problem.noise(&fit.model), verified.noise(model)];
+            if let (Some((_, all)), Some(verified)) = (&refitted, of_verified) {
+                noises[0].std_mm = all.variance.sqrt();
+                noises[1].std_mm = verified.variance.sqrt();
+            }
+            let [all, identify] = noises;
+            let rounding_mm = ROUNDING_PER_REACH * reach_mm(&verified.request.robot.links);
+            // a fit that can follow its few points scatters by nothing, and that says nothing
+            if all.std_mm > MAX_SCATTER * identify.std_mm + rounding_mm
+                && all.is_more_than(&identify)
             {
-                return Ok((None, Some(subsets_differ(std_mm, verified_std_mm))));
+                return Ok((None, Some(subsets_differ(all.std_mm, identify.std_mm))));
             }
             let (corrected, fitted) = refitted.unzip();
             (fit.model, corrected, fitted)
@@ -201,6 +202,8 @@ impl<'a> Problem<'a> {
             ..self.clone()
         };
         problem.priors = stated_priors(&problem, watch)?;
+        // all points tell more of the noise of positions and rotations than the identify subset alone
+        weigh(&mut problem, watch);
         Ok(problem.decomposed_with_tool_of(model))
     }
 }

@@ -48,8 +48,10 @@ pub fn suspicion(robot: &Robot, set: &MeasurementSet) -> Option<String> {
         FITS_RAD.max(STATED_STDS * std_rad),
         OFF_RAD.max(STATED_STDS * std_rad),
     );
+    // where the target turns little, a wrong convention is off by little, too
+    let another = in_another_reading(&placed, &poses, &stated, own_rad);
     if own_rad <= fits_rad {
-        return None;
+        return another;
     }
     if let Some(most_rad) = fit_of_inverse_poses(robot, set).filter(|rad| *rad <= fits_rad) {
         return Some(format!(
@@ -58,42 +60,9 @@ pub fn suspicion(robot: &Robot, set: &MeasurementSet) -> Option<String> {
             most_rad.to_degrees()
         ));
     }
-    let are_angles = poses.iter().all(|p| p.rotation_angles_rad.is_some());
-    let inverse = "the inverse rotation (the measuring frame as the target sees it)";
-    let name = if are_angles || placed.base.is_some() {
-        inverse.to_owned()
-    } else {
-        // x, y, z, w read as w, x, y, z gives the inverse rotation between two fixed quarter turns, which an unknown base and the target absorb: the fit
-        // is the same
-        format!("{inverse}, or as quaternions in the order x, y, z, w,")
-    };
-    let mut others = vec![(
-        name,
-        stated.iter().map(Rotation3::inverse).collect::<Vec<_>>(),
-    )];
-    if are_angles {
-        others.extend(by_conventions(&poses));
-    } else {
-        let last_first = |r: &Rotation3<f64>| {
-            let [x, y, z, w]: [f64; 4] = UnitQuaternion::from_rotation_matrix(r).coords.into();
-            // the file's four numbers were read as w, x, y, z
-            UnitQuaternion::new_normalize(Quaternion::new(z, w, x, y)).to_rotation_matrix()
-        };
-        let name = "quaternions in the order x, y, z, w".to_owned();
-        others.push((name, stated.iter().map(last_first).collect()));
-    }
-    let off = format!(
-        "the rotations do not fit this robot as they were read: a fifth of the poses is off by more than {:.2}°",
-        own_rad.to_degrees()
-    );
-    if let Some(best) =
-        best(&placed, &poses, others).filter(|best| MIN_IMPROVEMENT * best.most_rad <= own_rad)
-    {
-        return Some(format!(
-            "{off}. Read as {} four of five fit to {:.2}°: say so, or write them as stated",
-            best.name,
-            best.most_rad.to_degrees()
-        ));
+    let off = off_by(own_rad);
+    if another.is_some() {
+        return another;
     }
     if own_rad <= off_rad || placed.base.is_none() {
         return None;
@@ -118,6 +87,64 @@ pub fn suspicion(robot: &Robot, set: &MeasurementSet) -> Option<String> {
     Some(format!(
         "{off}, and no other convention fits them. Do positions and rotations of a row belong together, and are both in the same frame?"
     ))
+}
+
+/// How a file's rotations would fit an identified robot far better than as they were read; `None` if they would not.
+pub fn better_reading(robot: &Robot, set: &MeasurementSet) -> Option<String> {
+    let poses = poses(set, |p| p.rotation.is_some());
+    let stated: Option<Vec<Rotation3<f64>>> = poses.iter().map(|p| p.rotation).collect();
+    let (stated, placed) = (stated?, Placed::nominal(robot, set, &poses));
+    let own_rad = placed.most_rad(&poses, &stated)?;
+    in_another_reading(&placed, &poses, &stated, own_rad)
+}
+
+fn off_by(own_rad: f64) -> String {
+    format!(
+        "the rotations do not fit this robot as they were read: a fifth of the poses is off by more than {:.2}°",
+        own_rad.to_degrees()
+    )
+}
+
+/// The reading that fits far better than the rotations as they were `stated`, whose angle four of five poses keep is `own_rad`.
+fn in_another_reading(
+    placed: &Placed<'_>,
+    poses: &[&Point],
+    stated: &[Rotation3<f64>],
+    own_rad: f64,
+) -> Option<String> {
+    let are_angles = poses.iter().all(|p| p.rotation_angles_rad.is_some());
+    let inverse = "the inverse rotation (the measuring frame as the target sees it)";
+    let name = if are_angles || placed.base.is_some() {
+        inverse.to_owned()
+    } else {
+        // x, y, z, w read as w, x, y, z gives the inverse rotation between two fixed quarter turns, which an unknown base and the target absorb: the fit
+        // is the same
+        format!("{inverse}, or as quaternions in the order x, y, z, w,")
+    };
+    let mut others = vec![(
+        name,
+        stated.iter().map(Rotation3::inverse).collect::<Vec<_>>(),
+    )];
+    if are_angles {
+        others.extend(by_conventions(poses));
+    } else {
+        let last_first = |r: &Rotation3<f64>| {
+            let [x, y, z, w]: [f64; 4] = UnitQuaternion::from_rotation_matrix(r).coords.into();
+            // the file's four numbers were read as w, x, y, z
+            UnitQuaternion::new_normalize(Quaternion::new(z, w, x, y)).to_rotation_matrix()
+        };
+        let name = "quaternions in the order x, y, z, w".to_owned();
+        others.push((name, stated.iter().map(last_first).collect()));
+    }
+    let best = best(placed, poses, others)?;
+    (MIN_IMPROVEMENT * best.most_rad <= own_rad).then(|| {
+        format!(
+            "{}. Read as {} four of five fit to {:.2}°: say so, or write them as stated",
+            off_by(own_rad),
+            best.name,
+            best.most_rad.to_degrees()
+        )
+    })
 }
 
 /// How well the inverted poses fit, if their positions place the base of the robot; rad.

@@ -22,8 +22,8 @@ use crate::measurement::Frame;
 use crate::measurement::{MeasurementSet, Subset};
 use crate::solvers::watch::Watch;
 
-/// Number of rounds of placement and weighing by direction. The weights depend little on the placement.
-const WEIGHTING_ROUNDS: usize = 2;
+/// Number of rounds of placement and weighing. Weights of directions need two; poses begin at the usual weight of rotations, which may be far off.
+const WEIGHTING_ROUNDS: usize = 4;
 /// Minimum number of residuals per placed number for judging single points.
 const MIN_RESIDUALS_PER_NUMBER: usize = 2;
 
@@ -170,7 +170,7 @@ impl<'a> Layout<'a> {
             Ok::<_, Error>((placed, arrangement.clone()))
         };
         let (mut placed, mut arranged) = fit(&mut observed)?;
-        if is_by_direction(self.request, self.set) {
+        if is_by_direction(self.request, self.set) || self.set.has_poses() {
             for _ in 0..WEIGHTING_ROUNDS {
                 let n_placed = self.n_refitted();
                 let laid_out = (&arranged, self.screening.outliers.as_slice());

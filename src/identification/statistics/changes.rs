@@ -100,18 +100,7 @@ pub fn compare(before: &Estimate, after: &Estimate) -> Option<Comparison> {
         &common(before, after, |p| p.is_link()),
         named_by_selection,
     )?;
-    let is_base = |p: &Parameter| {
-        matches!(
-            p,
-            Parameter::BaseTranslation(_) | Parameter::BaseRotation(_)
-        )
-    };
-    let mut placement = vec![tested(
-        before,
-        after,
-        &common(before, after, is_base),
-        named_each,
-    )];
+    let mut placement = vec![compare_base(before, after)];
     for target in 0..before
         .model
         .targets_mm
@@ -129,6 +118,18 @@ pub fn compare(before: &Estimate, after: &Estimate) -> Option<Comparison> {
         robot,
         placement: placement.into_iter().flatten().collect(),
     })
+}
+
+/// Compares where the base is in the measuring frame. `None` if it was not identified in both sessions.
+pub fn compare_base(before: &Estimate, after: &Estimate) -> Option<Tested> {
+    let is_base = |p: &Parameter| {
+        matches!(
+            p,
+            Parameter::BaseTranslation(_) | Parameter::BaseRotation(_)
+        )
+    };
+    let of_base = common(before, after, is_base);
+    tested(before, after, &of_base, named_each)
 }
 
 /// Compares where one target is in the flange frame: `of_before` as it is numbered in the earlier session, `of_after` in the later one. `None` if the two
