@@ -235,6 +235,13 @@ struct ByRepeats {
     probability: f64,
 }
 
+/// A target of a pose at one visit: mean time, mean residual and number of rows.
+struct Visit {
+    time: f64,
+    residual: Vector3<f64>,
+    n_rows: usize,
+}
+
 impl Session<'_> {
     /// The drift of a session; `None` if none is significant.
     pub fn drift(&self) -> Option<Drift> {
@@ -404,9 +411,8 @@ impl Session<'_> {
     /// A ramp fitted to the differences within poses of the same target that were visited several times. What the points of a target have in common at
     /// one visit counts once, and so do the targets of a visit: they share the robot's repeatability.
     fn by_repeats(&self, times: &[f64]) -> Option<ByRepeats> {
-        // time, position, and number of rows of each visit
-        let mut visited: BTreeMap<usize, BTreeMap<usize, Vec<(f64, Vector3<f64>, usize)>>> =
-            BTreeMap::new();
+        // by configuration and target
+        let mut visited: BTreeMap<usize, BTreeMap<usize, Vec<Visit>>> = BTreeMap::new();
         for visit in visits(self.clusters) {
             let mut of_targets: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
             for i in &visit {
@@ -422,7 +428,11 @@ impl Session<'_> {
                 let time = rows.iter().map(|i| times[*i]).sum::<f64>() / n;
                 let mean = rows.iter().map(at).sum::<Vector3<f64>>() / n;
                 let of_target = of_pose.entry(target).or_default();
-                of_target.push((time, mean, rows.len()));
+                of_target.push(Visit {
+                    time,
+                    residual: mean,
+                    n_rows: rows.len(),
+                });
             }
         }
         let (mut squares, mut products, mut all) = (0.0, Vector3::zeros(), 0.0);
@@ -430,14 +440,14 @@ impl Session<'_> {
         for of_targets in visited.values() {
             for visits in of_targets.values().filter(|visits| visits.len() > 1) {
                 let n = visits.len() as f64;
-                let mean_time = visits.iter().map(|(t, ..)| t).sum::<f64>() / n;
-                let mean = visits.iter().map(|(_, y, _)| y).sum::<Vector3<f64>>() / n;
-                for (t, y, n_of_visit) in visits {
-                    let (t, y) = (t - mean_time, y - mean);
+                let mean_time = visits.iter().map(|v| v.time).sum::<f64>() / n;
+                let mean = visits.iter().map(|v| v.residual).sum::<Vector3<f64>>() / n;
+                for visit in visits {
+                    let (t, y) = (visit.time - mean_time, visit.residual - mean);
                     squares += t * t;
                     products += y * t;
                     all += y.norm_squared();
-                    n_rows += n_of_visit;
+                    n_rows += visit.n_rows;
                 }
                 freedom += 3.0 * (n - 1.0) / of_targets.len() as f64;
             }
