@@ -3,6 +3,7 @@
 
 export const WARNINGS = {
   at_bound: "A parameter ended at the edge of what was allowed",
+  backlash: "Where the arm stands depends on the side from which a joint came",
   bad_subset: "The subset column cannot be used",
   base_moved: "The robot's base or the instrument moved while measuring",
   drift: "Base or instrument drifted while measuring",
@@ -72,6 +73,7 @@ export const WARNINGS = {
 // Why a warning matters: one short sentence each.
 export const MATTERS = {
   at_bound: "The true value may lie beyond the edge.",
+  backlash: "Play is no error of a link: poses that are approached from both sides pull the parameters both ways.",
   bad_subset: "Without it nothing says which points were kept aside.",
   base_moved: "A step in the middle of a session would be taken for an error of the arm.",
   drift: "A base that moves slowly is taken for errors of the links.",
@@ -141,6 +143,7 @@ export const MATTERS = {
 // What to do about a warning: one short sentence each.
 export const REMEDIES = {
   at_bound: "Widen the bounds if the value is possible; else look for what is wrong with the points.",
+  backlash: "Approach every pose from the same side, in measuring and in programs; have the gear looked at if the play grows.",
   bad_subset: "Write identify or verify in every row, or leave the column out.",
   base_moved: "See for which rows the base holds. Fix the base and the instrument, and measure again if the step is large.",
   drift: "Fix base and instrument, let them reach their temperature, and measure again with one pose repeated now and then.",

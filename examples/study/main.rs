@@ -9,6 +9,9 @@ mod data;
 #[path = "../../tests/support/drifts.rs"]
 #[allow(dead_code, reason = "the tests use more of it")]
 mod drifts;
+#[path = "../../tests/support/joint_errors.rs"]
+#[allow(dead_code, reason = "the tests use more of it")]
+mod joint_errors;
 #[path = "../../tests/support/robots.rs"]
 #[allow(dead_code, reason = "the tests use more of it")]
 mod robots;

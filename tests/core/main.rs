@@ -40,4 +40,6 @@ mod uncertainty;
 mod work_frames;
 mod workbooks;
 
-use support::{bad_campaigns, data, drifts, real_robot, robots, simulation, trackers};
+use support::{
+    bad_campaigns, data, drifts, joint_errors, real_robot, robots, simulation, trackers,
+};

@@ -141,6 +141,34 @@ fn what_one_visit_identified_holds_on_the_other() {
     }
 }
 
+/// Both visits of the Motoman went along the same path through the same poses, and their difference has a ramp of 0.05 mm, so the drift of 1.3 mm that the
+/// second visit once told was the robot's own.
+#[test]
+fn measured_robots_tell_no_drift_no_play_and_no_unsettled_joints() {
+    let Some(root) = real_data() else { return };
+    let (motoman, qkm) = (root.join("motoman_ma1400"), root.join("qkm_hl6"));
+    let alone = [
+        (&motoman, "visit_1.csv"),
+        (&motoman, "visit_2.csv"),
+        (&qkm, "set.csv"),
+    ];
+    let alone =
+        alone.map(|(folder, file)| (robot(&folder.join("robot.json")), set(&folder.join(file))));
+    let both = robot_and_set(&root, "motoman_ma1400");
+    for (robot, set) in alone.into_iter().chain([both]) {
+        let report = run(&CalibrationRequest::new(robot, set));
+        let told: Vec<&str> = report.warnings.iter().map(|w| w.code).collect();
+        for code in [
+            "drift",
+            "warm_up",
+            "backlash",
+            "configurations_err_together",
+        ] {
+            assert!(!told.contains(&code), "{told:?}");
+        }
+    }
+}
+
 /// The poses of both visits stand on three surfaces before the robot. They say little of other poses, but they are evidence there.
 #[test]
 fn a_visit_is_evidence_about_the_set_of_the_other_visit() {

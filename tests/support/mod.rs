@@ -8,6 +8,7 @@ pub mod data;
 pub mod drifts;
 pub mod engines;
 pub mod fixtures;
+pub mod joint_errors;
 pub mod people;
 pub mod preload;
 pub mod process;

@@ -13,5 +13,6 @@ pub mod placement;
 pub mod prepare;
 pub mod row_weights;
 pub mod screening;
+pub mod session_errors;
 pub mod stated_priors;
 mod turned_poses;

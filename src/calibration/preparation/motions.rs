@@ -15,7 +15,7 @@ use crate::identification::least_squares::problem::{Problem, reach_mm};
 use crate::identification::model::identifiability::prior_scales;
 use crate::identification::model::objective::{Observation, weighted_jacobian, weighted_residuals};
 use crate::identification::model::parameters::Parameter;
-use crate::identification::screening::steps::Columns;
+use crate::identification::screening::columns::Columns;
 use crate::measurement::Subset;
 use crate::solvers::watch::Watch;
 use nalgebra::{DMatrix, DVector, Vector3};

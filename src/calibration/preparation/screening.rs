@@ -11,9 +11,9 @@ use crate::calibration::preparation::gross_errors::{
 };
 use crate::calibration::preparation::motions::{fit_motions, place_setups};
 use crate::calibration::preparation::observe::Observed;
+use crate::calibration::preparation::session_errors::{SessionErrors, session_errors};
 use crate::calibration::preparation::turned_poses::{TurnedPose, turned_poses, turned_target};
 use crate::calibration::request::{CalibrationRequest, Loss, Model, Preset};
-use crate::identification::screening::drift::{Drift, Session};
 use crate::identification::screening::outliers::Outliers;
 use crate::identification::screening::steps::{Campaign, Moved, Step, TargetShift};
 use crate::identification::screening::whitening::Whitened;
@@ -85,8 +85,8 @@ pub struct Screening {
     pub are_few: bool,
     /// Steps, by row.
     pub steps: Vec<FoundStep>,
-    /// Drift common to all points.
-    pub drift: Option<Drift>,
+    /// Play, shared errors and drift.
+    pub over_session: SessionErrors,
     /// Rows of segments without identify points. They are scored with the segment before.
     pub unfitted_rows: Vec<usize>,
     /// The targets of the fit.
@@ -285,7 +285,7 @@ fn search(
     }
     let outlying = outliers.as_ref().map_or(vec![], |w| w.points.clone());
     let belonging = others(&others(&arrangement.order, &gross), &outlying);
-    screening.drift = drift(observed, &fit, &belonging, watch);
+    screening.over_session = session_errors(observed, &fit, &belonging, watch);
     Ok(Searched {
         outliers,
         gross,
@@ -351,27 +351,6 @@ fn find(observed: &Observed, fit: &AllFit, order: &[usize], watch: &Watch<'_>) -
         watch,
     };
     campaign.step()
-}
-
-/// Drift of the given points, in measuring order.
-fn drift(observed: &Observed, fit: &AllFit, order: &[usize], watch: &Watch<'_>) -> Option<Drift> {
-    let rows: Vec<usize> = order.iter().flat_map(|p| 3 * p..3 * p + 3).collect();
-    let clusters = observed.all_clusters();
-    let session = Session {
-        linear: &fit.linear.of(order),
-        features: &fit.features.select_rows(&rows),
-        roots: &order
-            .iter()
-            .map(|p| observed.all[*p].weight.sqrt())
-            .collect::<Vec<_>>(),
-        clusters: &order.iter().map(|p| clusters[*p]).collect::<Vec<_>>(),
-        targets: &order
-            .iter()
-            .map(|p| observed.all[*p].target)
-            .collect::<Vec<_>>(),
-        watch,
-    };
-    session.drift()
 }
 
 fn split(observed: &Observed, fit: &AllFit, arrangement: &Arrangement, step: &Step) -> Arrangement {

@@ -3,6 +3,7 @@
 pub mod following;
 pub mod last_joint;
 pub mod orientation;
+mod over_session;
 pub mod overstated_noise;
 pub mod plausibility;
 pub mod refused_upload;

@@ -127,8 +127,6 @@ const SCALE_SIGMAS: f64 = 4.0;
 const SCALE_CONFIDENCE: f64 = 0.99;
 /// A length with a smaller data share than this is not used for the scale.
 const SCALE_SHARE: f64 = 0.1;
-/// A warning is given if the error that points of one configuration share exceeds this multiple of their own noise.
-const SHARED: f64 = 10.0;
 
 /// Warning code: the points do not determine the tool over the workspace.
 pub const TOOL_UNCERTAIN: &str = "tool_uncertain";
@@ -163,7 +161,6 @@ pub fn warnings(report: &CalibrationReport, nominal: &[Link]) -> Vec<Warning> {
         );
         warnings.push(Warning::new(TOOL_UNCERTAIN, detail));
     }
-    warnings.extend(shared_errors(report));
     let told = report
         .parameters
         .iter()
@@ -247,21 +244,6 @@ fn common_scale(links: &[Link], nominal: &[Link], unseen: &BTreeSet<&str>) -> Op
     let std = (scatter / freedom / squares).sqrt();
     let sigmas = t_half_width(SCALE_CONFIDENCE, freedom).max(SCALE_SIGMAS);
     (scale.abs() > SCALE && scale.abs() > sigmas * std).then_some(scale)
-}
-
-/// Warning if the error that points of one configuration share is far larger than each point's own. Joint values that were read before the arm had
-/// settled cause this, and so do errors of the robot that links cannot describe.
-fn shared_errors(report: &CalibrationReport) -> Option<Warning> {
-    let uncertainty = report.uncertainty.as_ref()?;
-    let (shared_mm, own_mm) = (uncertainty.configuration_std_mm, uncertainty.noise_std_mm);
-    (shared_mm > SHARED * own_mm).then(|| {
-        let detail = format!(
-            "the points of one configuration err together by {shared_mm:.4} mm (one standard deviation of a coordinate), each by itself by {own_mm:.4} mm: \
-             joint values that were read before the arm had settled look like that, and so do errors that links cannot say. Read the joint values again \
-             once the arm stands still, or take the commanded ones, and compare"
-        );
-        Warning::new("configurations_err_together", detail)
-    })
 }
 
 #[cfg(test)]

@@ -6,9 +6,9 @@ use crate::calibration::preparation::screening::{FoundStep, Outlier, Screening, 
 use crate::calibration::problem::Problem;
 use crate::calibration::report::Warning;
 use crate::calibration::request::Loss;
+use crate::calibration::warnings::over_session::over_session;
 use crate::identification::KinematicModel;
 use crate::identification::model::objective::Observation;
-use crate::identification::screening::drift::{Course, Drift};
 use crate::identification::statistics::uncertainty::Uncertainty;
 use crate::measurement::Subset;
 
@@ -19,7 +19,7 @@ const EXTRAPOLATION_RATIO: f64 = 2.0;
 /// A warning is given if more than this share of the verify points are extrapolations.
 const MAX_EXTRAPOLATED_SHARE: f64 = 0.1;
 
-/// The warnings about outliers, steps and drift. `asked` is the loss that the request asks for. `delivered` is the arrangement of points from which a
+/// The warnings about outliers, steps, and errors over the session. `asked` is the loss that the request asks for. `delivered` is the arrangement of points from which a
 /// base is identified; `None` for points that only verify.
 pub fn screening_warnings(
     screening: &Screening,
@@ -31,7 +31,7 @@ pub fn screening_warnings(
         .and_then(|arrangement| delivered_base(screening, arrangement))
         .unwrap_or_default();
     let mut warnings: Vec<Warning> = screening.steps.iter().map(|s| moved(s, &base)).collect();
-    warnings.extend(screening.drift.as_ref().map(drifted));
+    warnings.extend(over_session(&screening.over_session));
     if !screening.unfitted_rows.is_empty() {
         let detail = "no point to identify lies in the segment after a step: these rows are scored as if nothing had moved";
         warnings.push(Warning {
@@ -160,42 +160,6 @@ fn moved(step: &FoundStep, delivered_base: &str) -> Warning {
         detail: format!("before row {}, {what}; {consequence}{delivered}", step.row),
         rows: vec![step.row],
     }
-}
-
-fn drifted(drift: &Drift) -> Warning {
-    let v = drift.vector_mm;
-    let (code, how) = match drift.course {
-        Course::Steady => ("drift", "steadily".to_owned()),
-        Course::WarmUp { time_constant } => (
-            "warm_up",
-            format!(
-                "fast at first and then slower, 63 % of it in the first {:.0} % of the session, as of something that warms up",
-                100.0 * time_constant
-            ),
-        ),
-        Course::Wandering => ("drift", "to and fro".to_owned()),
-    };
-    let repeats = drift.by_repeats_mm.map_or_else(
-        || "no pose was visited twice to show it by itself".to_owned(),
-        |(n_rows, r)| {
-            format!(
-                "the {n_rows} rows of poses that were visited several times alone say ({:.3}, {:.3}, {:.3}) mm",
-                r.x, r.y, r.z
-            )
-        },
-    );
-    Warning::new(
-        code,
-        format!(
-            "from the first row to the last one the measured points moved by ({:.3}, {:.3}, {:.3}) mm in the measuring frame, {:.3} mm long (standard deviation \
-             {:.3} mm), {how}; {repeats}. Base or instrument drifted: let both warm up, fix them, and measure a pose again from time to time",
-            v.x,
-            v.y,
-            v.z,
-            v.norm(),
-            drift.std_mm
-        ),
-    )
 }
 
 fn outliers(screening: &Screening, observed: &Observed, asked: bool) -> Option<Warning> {

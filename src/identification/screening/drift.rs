@@ -9,7 +9,7 @@
 //! Poses that were visited several times show a drift without a model of the robot: only differences within a pose count.
 
 use crate::identification::screening::outliers::Linearised;
-use crate::identification::screening::row_order::{design_effect, holds_in_random_orders};
+use crate::identification::screening::row_order::{holds_in_random_orders, visits};
 use crate::identification::screening::whitening::{Gain, Whitened, Whitener};
 use crate::identification::statistics::distributions::{chi_square_tail, f_tail};
 use crate::identification::statistics::variance::{kept_ratio, misfit_ratio};
@@ -17,8 +17,9 @@ use crate::solvers::watch::Watch;
 use nalgebra::{DMatrix, Vector3};
 use std::collections::BTreeMap;
 
-/// Probability of reporting a drift if there is none.
-const FALSE_ALARMS: f64 = 0.002;
+/// Probability of reporting a drift if there is none. It is just below the required value: a smaller one leaves drifts of twice the noise unnamed that
+/// the visits of one pose show.
+const FALSE_ALARMS: f64 = 0.008;
 /// Number of tests (models and repeated poses) that share the probability of a false alarm.
 const N_TESTS: f64 = 4.0;
 /// Time constants of a warm-up that are tried, as shares of the session.
@@ -49,6 +50,15 @@ pub enum Course {
     Wandering,
 }
 
+impl Course {
+    fn time_constant(self) -> f64 {
+        match self {
+            Self::WarmUp { time_constant } => time_constant,
+            Self::Steady | Self::Wandering => RAMP_TIME_CONSTANT,
+        }
+    }
+}
+
 /// A drift.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Drift {
@@ -70,6 +80,8 @@ pub struct Session<'a> {
     pub features: &'a DMatrix<f64>,
     /// Square root of each point's weight.
     pub roots: &'a [f64],
+    /// Joint values of each point.
+    pub q_rad: &'a [&'a [f64]],
     /// Configuration of each point.
     pub clusters: &'a [usize],
     /// Target of each point.
@@ -97,6 +109,17 @@ fn shifts(roots: &[f64], times: &[f64], of_time: impl Fn(f64) -> f64) -> DMatrix
 /// Share of a warm-up that is done at time t, relative to t = 1.
 fn done(t: f64, time_constant: f64) -> f64 {
     libm::expm1(-t / time_constant) / libm::expm1(-1.0 / time_constant)
+}
+
+/// Column of links that grow as they warm up, relative to the largest effect; 3·N × 1.
+fn grown(growth: &[Vector3<f64>], times: &[f64], time_constant: f64) -> DMatrix<f64> {
+    let largest = growth.iter().map(Vector3::norm).fold(0.0, f64::max);
+    let mut column = DMatrix::zeros(3 * growth.len(), 1);
+    for (i, (effect, t)) in growth.iter().zip(times).enumerate() {
+        let effect = effect * (done(*t, time_constant) / largest.max(f64::MIN_POSITIVE));
+        column.fixed_view_mut::<3, 1>(3 * i, 0).copy_from(&effect);
+    }
+    column
 }
 
 /// Columns of a random walk of standard deviation 1 mm at t = 1.
@@ -149,20 +172,23 @@ pub struct Beside {
 }
 
 /// Gain of the columns of a change in addition to a ramp, the best warm-up, and a random walk whose variance is estimated together with the change.
-/// `None` if nothing is left of the columns.
+/// Base and links drift: `growth` has the effect of links that all grow by their own length. `None` if nothing is left of the columns.
 pub fn beside_drift(
     linear: &Linearised,
     features: &DMatrix<f64>,
-    roots: &[f64],
+    (roots, growth): (&[f64], &[Vector3<f64>]),
     change: &DMatrix<f64>,
     watch: &Watch<'_>,
 ) -> Option<Beside> {
     let times = times(roots.len());
-    let ramp = shifts(roots, &times, |t| t);
+    let course = |time_constant: f64| {
+        let of_base = shifts(roots, &times, |t| done(t, time_constant));
+        side_by_side(&[&of_base, &grown(growth, &times, time_constant)])
+    };
+    let ramp = course(RAMP_TIME_CONSTANT);
     let problem = Whitened::new(linear, features, watch);
     let warm_up = |time_constant: f64| {
-        let columns = shifts(roots, &times, |t| done(t, time_constant));
-        let smooth = side_by_side(&[&ramp, &columns]);
+        let smooth = side_by_side(&[&ramp, &course(time_constant)]);
         Some((problem.fitted(&smooth)?.gain, smooth))
     };
     let (_, smooth) = TIME_CONSTANTS
@@ -209,6 +235,13 @@ struct ByRepeats {
     probability: f64,
 }
 
+/// A target of a pose at one visit: mean time, mean residual and number of rows.
+struct Visit {
+    time: f64,
+    residual: Vector3<f64>,
+    n_rows: usize,
+}
+
 impl Session<'_> {
     /// The drift of a session; `None` if none is significant.
     pub fn drift(&self) -> Option<Drift> {
@@ -224,6 +257,7 @@ impl Session<'_> {
             linear: &self.linear.of(&taken),
             features: &self.features.select_rows(&rows),
             roots: &taken.iter().map(|i| self.roots[*i]).collect::<Vec<_>>(),
+            q_rad: &taken.iter().map(|i| self.q_rad[*i]).collect::<Vec<_>>(),
             clusters: &some(self.clusters),
             targets: &some(self.targets),
             watch: self.watch,
@@ -243,7 +277,7 @@ impl Session<'_> {
         if freedom < MIN_FREE || left <= rows * self.linear.rounding_mm * self.linear.rounding_mm {
             return None;
         }
-        let design = design_effect(&problem.residuals, self.clusters.iter().copied());
+        let design = problem.design_effect(self.clusters.iter().copied());
         let shape = |time_constant: f64| {
             let gain = problem.fitted(&shifts(self.roots, &times, |t| done(t, time_constant)))?;
             let variance = (left - gain.gain).max(f64::MIN_POSITIVE) / freedom * design;
@@ -287,7 +321,9 @@ impl Session<'_> {
         if !(is_shown || by_chance <= limit) || !is_large {
             return None;
         }
-        if of_repeats > limit && !self.stands_out(&problem, &times, &best) {
+        let is_sure = || self.stands_out(&problem, &times, &best);
+        let is_sure_on_path = || !self.is_path() || self.beside_walk(&times, &best, limit);
+        if of_repeats > limit && !(is_sure() && is_sure_on_path()) {
             return None;
         }
         let along = vector_mm.normalize();
@@ -303,18 +339,66 @@ impl Session<'_> {
         })
     }
 
-    /// True if the gain is larger than in random orders of the configurations.
-    fn stands_out(&self, problem: &Whitened, times: &[f64], best: &Fitted) -> bool {
+    /// The points of each configuration.
+    fn blocks(&self) -> Vec<Vec<usize>> {
         let mut blocks: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         for (i, cluster) in self.clusters.iter().enumerate() {
             blocks.entry(*cluster).or_default().push(i);
         }
-        let blocks: Vec<Vec<usize>> = blocks.into_values().collect();
-        let time_constant = match best.course {
-            Course::WarmUp { time_constant } => time_constant,
-            Course::Steady | Course::Wandering => RAMP_TIME_CONSTANT,
+        blocks.into_values().collect()
+    }
+
+    /// True if the configurations were measured along a path: from point to point the joints move less than in random orders.
+    fn is_path(&self) -> bool {
+        let n = self.q_rad.len() as f64;
+        let n_joints = self.q_rad.first().map_or(0, |q| q.len());
+        let variance = |joint: usize| {
+            let mean = self.q_rad.iter().map(|q| q[joint]).sum::<f64>() / n;
+            let square = |q: &&[f64]| (q[joint] - mean) * (q[joint] - mean);
+            (self.q_rad.iter().map(square).sum::<f64>() / n).max(f64::MIN_POSITIVE)
         };
-        holds_in_random_orders(blocks, self.watch, |places| {
+        let variances: Vec<f64> = (0..n_joints).map(variance).collect();
+        let moved = |places: &[usize]| -> f64 {
+            let of_joint = |pair: &[usize], joint: usize| {
+                let change = self.q_rad[pair[1]][joint] - self.q_rad[pair[0]][joint];
+                change * change / variances[joint]
+            };
+            let pairs = places.windows(2);
+            pairs
+                .map(|pair| (0..n_joints).map(|j| of_joint(pair, j)).sum::<f64>())
+                .sum()
+        };
+        let as_measured = moved(&visits(self.clusters).concat());
+        holds_in_random_orders(self.blocks(), self.watch, |places| {
+            as_measured < moved(places)
+        })
+    }
+
+    /// True if a ramp or a warm-up is significant beside a random walk that is estimated together with it. Along a path, whatever links cannot describe
+    /// changes with time: it looks like a random walk.
+    fn beside_walk(&self, times: &[f64], best: &Fitted, limit: f64) -> bool {
+        let columns = shifts(self.roots, times, |t| done(t, best.course.time_constant()));
+        let all = self.linear.with(&columns);
+        let misfit = misfit_ratio(&all.residuals, &all.basis, self.features);
+        let walk = walk(self.roots, times);
+        let probability = || {
+            let (of_walk, _) = walk_ratio(&all, self.features, misfit, &walk)?;
+            let random =
+                side_by_side(&[&(self.features * misfit.sqrt()), &(walk * of_walk.sqrt())]);
+            let problem = Whitened::with_ratio(self.linear, &random, 1.0, self.watch)?;
+            let gain = problem.fitted(&columns)?.gain;
+            let freedom = columns.nrows() as f64 - problem.n_fitted as f64 - 3.0;
+            let variance = (problem.residuals.norm_squared() - gain) / freedom
+                * problem.design_effect(self.clusters.iter().copied());
+            Some(f_tail(gain / 3.0 / variance, 3.0, freedom))
+        };
+        probability().is_some_and(|probability| probability <= limit)
+    }
+
+    /// True if the gain is larger than in random orders of the configurations.
+    fn stands_out(&self, problem: &Whitened, times: &[f64], best: &Fitted) -> bool {
+        let time_constant = best.course.time_constant();
+        holds_in_random_orders(self.blocks(), self.watch, |places| {
             let mut shuffled = vec![0.0; times.len()];
             let pairs = places.iter().zip(times);
             pairs.for_each(|(i, t)| shuffled[*i] = *t);
@@ -324,29 +408,49 @@ impl Session<'_> {
         })
     }
 
-    /// A ramp fitted to the differences within poses of the same target that were visited several times.
+    /// A ramp fitted to the differences within poses of the same target that were visited several times. What the points of a target have in common at
+    /// one visit counts once, and so do the targets of a visit: they share the robot's repeatability.
     fn by_repeats(&self, times: &[f64]) -> Option<ByRepeats> {
-        let mut visits: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
-        for (i, key) in self.clusters.iter().zip(self.targets).enumerate() {
-            visits.entry((*key.0, *key.1)).or_default().push(i);
+        // by configuration and target
+        let mut visited: BTreeMap<usize, BTreeMap<usize, Vec<Visit>>> = BTreeMap::new();
+        for visit in visits(self.clusters) {
+            let mut of_targets: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+            for i in &visit {
+                of_targets.entry(self.targets[*i]).or_default().push(*i);
+            }
+            let of_pose = visited.entry(self.clusters[visit[0]]).or_default();
+            for (target, rows) in of_targets {
+                let n = rows.len() as f64;
+                let at = |i: &usize| -> Vector3<f64> {
+                    let root = self.roots[*i].max(f64::MIN_POSITIVE);
+                    self.linear.residuals.fixed_rows::<3>(3 * i) / root
+                };
+                let time = rows.iter().map(|i| times[*i]).sum::<f64>() / n;
+                let mean = rows.iter().map(at).sum::<Vector3<f64>>() / n;
+                let of_target = of_pose.entry(target).or_default();
+                of_target.push(Visit {
+                    time,
+                    residual: mean,
+                    n_rows: rows.len(),
+                });
+            }
         }
         let (mut squares, mut products, mut all) = (0.0, Vector3::zeros(), 0.0);
         let (mut n_rows, mut freedom) = (0, -3.0);
-        for rows in visits.values().filter(|rows| rows.len() > 1) {
-            let n = rows.len() as f64;
-            let at = |i: usize| -> Vector3<f64> {
-                self.linear.residuals.fixed_rows::<3>(3 * i) / self.roots[i].max(f64::MIN_POSITIVE)
-            };
-            let mean_time = rows.iter().map(|i| times[*i]).sum::<f64>() / n;
-            let mean = rows.iter().map(|i| at(*i)).sum::<Vector3<f64>>() / n;
-            for i in rows {
-                let (t, y) = (times[*i] - mean_time, at(*i) - mean);
-                squares += t * t;
-                products += y * t;
-                all += y.norm_squared();
+        for of_targets in visited.values() {
+            for visits in of_targets.values().filter(|visits| visits.len() > 1) {
+                let n = visits.len() as f64;
+                let mean_time = visits.iter().map(|v| v.time).sum::<f64>() / n;
+                let mean = visits.iter().map(|v| v.residual).sum::<Vector3<f64>>() / n;
+                for visit in visits {
+                    let (t, y) = (visit.time - mean_time, visit.residual - mean);
+                    squares += t * t;
+                    products += y * t;
+                    all += y.norm_squared();
+                    n_rows += visit.n_rows;
+                }
+                freedom += 3.0 * (n - 1.0) / of_targets.len() as f64;
             }
-            n_rows += rows.len();
-            freedom += 3.0 * (n - 1.0);
         }
         if freedom < 3.0 || squares <= 0.0 {
             return None;

@@ -1,8 +1,11 @@
 //! What does not belong, what moved and what drifted while it was measured.
 
+pub mod backlash;
+pub mod columns;
 pub mod drift;
 pub mod outliers;
 mod row_order;
+pub mod settling;
 pub mod steps;
 pub mod target_turns;
 pub mod whitening;

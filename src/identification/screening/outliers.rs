@@ -110,6 +110,14 @@ impl Linearised {
         }
     }
 
+    /// The problem with further columns that are fitted.
+    pub fn with(&self, columns: &DMatrix<f64>) -> Self {
+        let (n, n_more) = (self.basis.ncols(), columns.ncols());
+        let mut all = self.basis.clone().resize_horizontally(n + n_more, 0.0);
+        all.columns_mut(n, n_more).copy_from(columns);
+        Self::new(&self.residuals, all, self.rounding_mm)
+    }
+
     /// The problem of some of the points, in the given order.
     pub fn of(&self, points: &[usize]) -> Self {
         let row = |row: usize| 3 * points[row / 3] + row % 3;

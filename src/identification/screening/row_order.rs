@@ -1,7 +1,7 @@
 //! The order in which points were measured: how much points of one configuration err together, and random orders of the configurations.
 
 use crate::solvers::watch::Watch;
-use nalgebra::{DVector, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3xX, Vector3};
 use rand::seq::SliceRandom;
 use rand::{SeedableRng, rngs::ChaCha8Rng};
 
@@ -12,18 +12,41 @@ const ORDERED_POINTS: usize = 24_000;
 /// Minimum number of random orders.
 const MIN_ORDERS: usize = 39;
 
+/// Visits: stretches of points of one configuration, measured one after another. `clusters` has the configuration of each point.
+pub fn visits(clusters: &[usize]) -> Vec<Vec<usize>> {
+    let places: Vec<usize> = (0..clusters.len()).collect();
+    let same = |a: &usize, b: &usize| clusters[*a] == clusters[*b];
+    places.chunk_by(same).map(<[usize]>::to_vec).collect()
+}
+
 /// Design effect: how much more the sums of residuals per configuration vary than sums of independent points; at least 1. `clusters` has the
-/// configuration of each point.
-pub fn design_effect(residuals: &DVector<f64>, clusters: impl Iterator<Item = usize>) -> f64 {
-    let mut sums: Vec<Vector3<f64>> = Vec::new();
+/// configuration of each point. A fit follows the errors of whole configurations, so both are counted by what the fit leaves of them.
+///
+/// `fitted` has an orthonormal basis of what the fit followed, 3·N × r.
+pub fn design_effect(
+    residuals: &DVector<f64>,
+    fitted: &DMatrix<f64>,
+    clusters: impl Iterator<Item = usize>,
+) -> f64 {
+    let n_fitted = fitted.ncols();
+    let (mut sums, mut taken) = (Vec::new(), Vec::new());
+    let mut n_of: Vec<f64> = Vec::new();
     for (place, cluster) in clusters.enumerate() {
         if cluster >= sums.len() {
             sums.resize(cluster + 1, Vector3::zeros());
+            taken.resize(cluster + 1, Matrix3xX::zeros(n_fitted));
+            n_of.resize(cluster + 1, 0.0);
         }
         sums[cluster] += residuals.fixed_rows::<3>(3 * place);
+        taken[cluster] += fitted.fixed_rows::<3>(3 * place);
+        n_of[cluster] += 3.0;
     }
-    let of_sums: f64 = sums.iter().map(Vector3::norm_squared).sum();
-    (of_sums / residuals.norm_squared()).max(1.0)
+    let squares = |sum: f64, v: &Vector3<f64>| sum + v.norm_squared();
+    let of_sums = sums.iter().fold(0.0, squares);
+    let left = n_of.iter().zip(&taken).map(|(n, q)| n - q.norm_squared());
+    let rows = residuals.len() as f64;
+    let of_points = residuals.norm_squared() / (rows - n_fitted as f64).max(1.0);
+    (of_sums / left.sum::<f64>().max(1.0) / of_points).max(1.0)
 }
 
 /// True if `holds` is true for all random orders of the blocks, each with the places of one configuration. False if the watch stops.

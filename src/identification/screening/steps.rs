@@ -14,16 +14,14 @@
 //! - g is still significant beside a drift of the base ([`drift`](crate::identification::screening::drift)): a ramp, a warm-up, and a random walk whose variance
 //!   is estimated together with the step.
 
-use crate::identification::KinematicModel;
-use crate::identification::model::objective::Observation;
+use crate::identification::screening::columns::Columns;
 use crate::identification::screening::drift::{Beside, beside_drift};
 use crate::identification::screening::outliers::Linearised;
-use crate::identification::screening::row_order::{design_effect, holds_in_random_orders};
+use crate::identification::screening::row_order::holds_in_random_orders;
 use crate::identification::screening::whitening::Whitened;
 use crate::identification::statistics::distributions::f_tail;
-use crate::kinematics::t_base_flange;
 use crate::solvers::watch::Watch;
-use nalgebra::{Const, DMatrix, Dyn, Matrix3, OMatrix, SMatrix, SVector, Vector3};
+use nalgebra::{Const, DMatrix, Dyn, OMatrix, SMatrix, SVector, Vector3};
 
 /// Probability of reporting a step if there is none, over the whole order and all kinds. It is a fifth of the required value, because there are
 /// several rounds, and residuals are not quite normal.
@@ -82,81 +80,6 @@ pub struct TargetShift {
     pub first: usize,
     /// Shift in the flange frame, mm.
     pub shift_mm: Vector3<f64>,
-}
-
-/// Effects of a motion of a target or of the base on each point, weighted.
-pub struct Columns {
-    target: Vec<Matrix3<f64>>,
-    base: Vec<SMatrix<f64, 3, 6>>,
-    /// Centre of the base's rotation, mm, measuring frame.
-    pub centre: Vector3<f64>,
-    /// Unit of rotation: rad per unit of a column.
-    unit_rad: f64,
-}
-
-impl Columns {
-    /// The columns at a fitted model.
-    pub fn new(model: &KinematicModel, observations: &[Observation]) -> Self {
-        let n = observations.len().max(1) as f64;
-        let centre = observations
-            .iter()
-            .map(|o| o.position_mm)
-            .sum::<Vector3<f64>>()
-            / n;
-        let size = (observations
-            .iter()
-            .map(|o| (o.position_mm - centre).norm_squared())
-            .sum::<f64>()
-            / n)
-            .sqrt()
-            .max(1.0);
-        let base = |o: &Observation| {
-            let root = o.weight.sqrt();
-            let arm = (o.position_mm - centre).cross_matrix() * (-1.0 / size);
-            let mut block = SMatrix::<f64, 3, 6>::zeros();
-            block
-                .fixed_columns_mut::<3>(0)
-                .copy_from(&(Matrix3::identity() * root));
-            block.fixed_columns_mut::<3>(3).copy_from(&(arm * root));
-            o.whitening.map_or(block, |w| w * block)
-        };
-        let target = |o: &Observation| {
-            let flange = t_base_flange(&model.links, &o.q_rad);
-            let block = model.t_instrument_base.rotation.matrix()
-                * flange.rotation.matrix()
-                * o.weight.sqrt();
-            o.whitening.map_or(block, |w| w * block)
-        };
-        Self {
-            target: observations.iter().map(target).collect(),
-            base: observations.iter().map(base).collect(),
-            centre,
-            unit_rad: 1.0 / size,
-        }
-    }
-
-    /// The columns of a motion of the base, 3 × 6: shift in mm, rotation in units of `unit_rad`.
-    pub fn base(&self, point: usize) -> &SMatrix<f64, 3, 6> {
-        &self.base[point]
-    }
-
-    /// The columns of a motion of the base without a turn, 3 × 3.
-    fn base_shift(&self, point: usize) -> Matrix3<f64> {
-        self.base[point].fixed_columns::<3>(0).into_owned()
-    }
-
-    /// Displacement by a unit of rotation at the points' radius, mm.
-    pub fn size_mm(&self) -> f64 {
-        1.0 / self.unit_rad
-    }
-
-    /// Shift and rotation (rad) of a solution along [`Self::base`].
-    pub fn motion(&self, x: &[f64]) -> (Vector3<f64>, Vector3<f64>) {
-        (
-            Vector3::new(x[0], x[1], x[2]),
-            Vector3::new(x[3], x[4], x[5]) * self.unit_rad,
-        )
-    }
 }
 
 /// A campaign: the points in measuring order, with their fit.
@@ -370,7 +293,7 @@ impl Campaign<'_> {
 
     fn design_effect(&self) -> f64 {
         let clusters = self.order.iter().map(|point| self.clusters[*point]);
-        design_effect(&self.problem.residuals, clusters)
+        self.problem.design_effect(clusters)
     }
 
     /// True if the step is significant in addition to a drift of the base.
@@ -400,7 +323,10 @@ impl Campaign<'_> {
                     .copy_from(&self.columns.target[*point]),
             }
         }
-        let beside = beside_drift(self.linear, self.features, &roots, &of_step, self.watch);
+        let of_points = self.order.iter().map(|point| *self.columns.growth(*point));
+        let growth: Vec<Vector3<f64>> = of_points.collect();
+        let drifting = (roots.as_slice(), growth.as_slice());
+        let beside = beside_drift(self.linear, self.features, drifting, &of_step, self.watch);
         let Some(Beside {
             gain,
             rest,

@@ -14,7 +14,7 @@ use crate::identification::screening::row_order::{design_effect, holds_in_random
 use crate::identification::statistics::distributions::f_tail;
 use crate::kinematics::rotation::rotation_log;
 use crate::solvers::watch::Watch;
-use nalgebra::{DVector, Rotation3, Vector3};
+use nalgebra::{DMatrix, DVector, Rotation3, Vector3};
 use std::collections::BTreeMap;
 
 /// Probability of reporting a twist if there is none, over all places.
@@ -77,7 +77,9 @@ pub fn target_turn(
         3 * vectors.len(),
         vectors.iter().flat_map(|v| v.iter().copied()),
     );
-    let variance = rest / freedom * design_effect(&flat, configurations.iter().copied());
+    let not_fitted = DMatrix::zeros(flat.len(), 0);
+    let variance =
+        rest / freedom * design_effect(&flat, &not_fitted, configurations.iter().copied());
     if f_tail(
         gain / N_STEP_PARAMETERS / variance,
         N_STEP_PARAMETERS,

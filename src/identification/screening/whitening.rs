@@ -1,6 +1,7 @@
 //! The linear problem at a fit with correlated errors: a robot's errors are a smooth function of its joints.
 
 use crate::identification::screening::outliers::{ExpectedErrors, Linearised};
+use crate::identification::screening::row_order::design_effect;
 use crate::identification::statistics::variance::misfit_ratio;
 use crate::solvers::orthonormal::orthonormal;
 use crate::solvers::products::{less_product, transposed_times};
@@ -74,6 +75,8 @@ pub struct Whitened {
     pub scores: DVector<f64>,
     /// E, with BᵀB − BᵀE·EᵀB the normal matrix of the part of B that parameters and V leave.
     pub basis: DMatrix<f64>,
+    /// Orthonormal basis of V^(-1/2) times the changes that parameters can make; 3·N × r.
+    followed: DMatrix<f64>,
     /// Number of fitted combinations.
     pub n_fitted: usize,
 }
@@ -90,6 +93,7 @@ impl Whitened {
             residuals: linear.residuals.clone(),
             scores: linear.residuals.clone(),
             basis: linear.basis.clone(),
+            followed: linear.basis.clone(),
             n_fitted: linear.basis.ncols(),
         })
     }
@@ -125,8 +129,14 @@ impl Whitened {
             residuals,
             scores,
             basis,
+            followed: q,
             n_fitted,
         })
+    }
+
+    /// Design effect of the residuals.
+    pub fn design_effect(&self, clusters: impl Iterator<Item = usize>) -> f64 {
+        design_effect(&self.residuals, &self.followed, clusters)
     }
 
     /// Reduction of the weighted sum of squares if some columns are fitted as well, with their coefficients and the inverse of their normal matrix.

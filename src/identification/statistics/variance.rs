@@ -3,6 +3,7 @@
 //! The eigenvectors of ΦᵀΦ in that space split the residuals into independent parts, so that the likelihood of each ratio σm²/σ² is a sum. It is the
 //! restricted likelihood (REML) [Patterson & Thompson 1971].
 
+use crate::identification::statistics::distributions::chi_square_tail;
 use crate::solvers::products::{less_product, transposed_times};
 use nalgebra::{DMatrix, DVector};
 
@@ -143,17 +144,48 @@ pub fn misfit_ratio(
         .map_or(0.0, |spectrum| smallest(|ratio| spectrum.deviance(ratio)))
 }
 
+/// A random effect in the residuals of a fit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RandomEffect {
+    /// Most likely ratio of its variance to that of the noise.
+    pub ratio: f64,
+    /// 2·log of the likelihood's ratio, with the effect and without it.
+    pub likelier: f64,
+    /// Variance of the noise beside it.
+    pub noise_variance: f64,
+}
+
+impl RandomEffect {
+    /// Probability that noise alone looks as much like the effect. A variance is at its bound without an effect [Self & Liang 1987].
+    pub fn by_chance(&self) -> f64 {
+        0.5 * chi_square_tail(self.likelier, 1.0)
+    }
+}
+
+/// The random effect with the given features, one of standard deviation 1 each.
+pub fn random_effect(
+    residuals: &DVector<f64>,
+    basis: &DMatrix<f64>,
+    features: &DMatrix<f64>,
+) -> Option<RandomEffect> {
+    let spectrum = Spectrum::beyond(residuals, basis, features)?;
+    let ratio = smallest(|ratio| spectrum.deviance(ratio));
+    Some(RandomEffect {
+        ratio,
+        likelier: (spectrum.deviance(0.0) - spectrum.deviance(ratio)).max(0.0),
+        noise_variance: spectrum.noise_variance(ratio),
+    })
+}
+
 /// As [`misfit_ratio`], but 0 if it is not significant at the 5 % level. Also returns 2·log of the likelihood ratio.
 pub fn kept_ratio(
     residuals: &DVector<f64>,
     basis: &DMatrix<f64>,
     features: &DMatrix<f64>,
 ) -> Option<(f64, f64)> {
-    let spectrum = Spectrum::beyond(residuals, basis, features)?;
-    let ratio = smallest(|ratio| spectrum.deviance(ratio));
-    let likelier = spectrum.deviance(0.0) - spectrum.deviance(ratio);
-    Some(match likelier > KEPT_ABOVE * KEPT_ABOVE {
-        true => (ratio, likelier),
-        false => (0.0, likelier.max(0.0)),
-    })
+    let RandomEffect {
+        ratio, likelier, ..
+    } = random_effect(residuals, basis, features)?;
+    let is_kept = likelier > KEPT_ABOVE * KEPT_ABOVE;
+    Some((if is_kept { ratio } else { 0.0 }, likelier))
 }

@@ -1,0 +1,118 @@
+//! Errors that the points of one visit share: the arm stood elsewhere than its joint values say, or the instrument did.
+//!
+//! A visit is a stretch of points of one configuration, measured one after another. Its points err together by J·δ, with J the effects of the joints
+//! and δ random errors of the joint values, or by one vector. Both are random effects beside the misfit of the robot. The likelier one is reported if
+//! noise shows as much with a probability below [`FALSE_ALARMS`], and if the points share more than each has by itself and more than a robot's
+//! repeatability: further points of a visit are then of no use.
+//!
+//! A turn by δ moves targets differently, so the scatter about the means of visits is not the noise of a point. The random effect tells both apart.
+
+use crate::identification::screening::outliers::Linearised;
+use crate::identification::screening::row_order::visits;
+use crate::identification::screening::whitening::Whitener;
+use crate::identification::statistics::variance::{RandomEffect, misfit_ratio, random_effect};
+use crate::solvers::watch::Watch;
+use nalgebra::{DMatrix, Matrix3, Matrix3xX};
+
+/// Probability of reporting shared errors if there are none.
+const FALSE_ALARMS: f64 = 0.002;
+/// Number of random effects that share this probability.
+const N_TESTS: f64 = 2.0;
+/// Maximum number of visits that are used, evenly selected.
+const MAX_VISITS: usize = 40;
+/// Standard deviation of a coordinate by the robot's repeatability, as a share of the reach. Makers state repeatabilities up to 1e-4 of the reach; by
+/// ISO 9283 that is the mean distance and three of its standard deviations: 3.6 standard deviations of a coordinate.
+pub(super) const REPEATABILITY_PER_REACH: f64 = 1e-4 / 3.6;
+
+/// Errors that the points of one visit share.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SharedErrors {
+    /// Standard deviation of a coordinate, mm.
+    pub shared_mm: f64,
+    /// Standard deviation of a coordinate of each point by itself, mm.
+    pub own_mm: f64,
+    /// Standard deviation of each joint value that explains them, rad; `None` if one vector per visit explains them better.
+    pub joints_rad: Option<f64>,
+}
+
+/// The points in measuring order.
+pub struct Visits<'a> {
+    /// The fit to them.
+    pub linear: &'a Linearised,
+    /// The features of the misfit.
+    pub features: &'a DMatrix<f64>,
+    /// Effects of one rad of each joint at each point, weighted.
+    pub joints: &'a [&'a Matrix3xX<f64>],
+    /// Effect of a shift at each point, weighted.
+    pub shifts: &'a [Matrix3<f64>],
+    /// Configuration of each point.
+    pub clusters: &'a [usize],
+    /// Radius of the workspace, mm.
+    pub reach_mm: f64,
+    /// Asked whether to go on.
+    pub watch: &'a Watch<'a>,
+}
+
+/// Random effects of the visits: the columns of each visit are 0 at the points of the others.
+fn of_visits<'a>(
+    visits: &[Vec<usize>],
+    n_columns: usize,
+    effect: impl Fn(usize) -> nalgebra::DMatrixView<'a, f64>,
+) -> DMatrix<f64> {
+    let n_points = visits.iter().map(Vec::len).sum::<usize>();
+    let mut columns = DMatrix::zeros(3 * n_points, n_columns * visits.len());
+    let mut row = 0;
+    for (k, visit) in visits.iter().enumerate() {
+        for point in visit {
+            columns
+                .view_mut((row, n_columns * k), (3, n_columns))
+                .copy_from(&effect(*point));
+            row += 3;
+        }
+    }
+    columns
+}
+
+impl Visits<'_> {
+    /// The errors that points of one visit share; `None` if none are significant and large.
+    pub fn shared_errors(&self) -> Option<SharedErrors> {
+        let several = visits(self.clusters).into_iter().filter(|v| v.len() > 1);
+        let several: Vec<Vec<usize>> = several.collect();
+        let every = several.len().div_ceil(MAX_VISITS).max(1);
+        let visits: Vec<Vec<usize>> = several.into_iter().step_by(every).collect();
+        let points: Vec<usize> = visits.concat();
+        let n_joints = self.joints.first()?.ncols();
+        if points.is_empty() || !self.watch.goes_on() {
+            return None;
+        }
+        let linear = self.linear.of(&points);
+        let rows: Vec<usize> = points.iter().flat_map(|i| 3 * i..3 * i + 3).collect();
+        let features = self.features.select_rows(&rows);
+        let misfit = misfit_ratio(&linear.residuals, &linear.basis, &features);
+        let whitener = Whitener::new(&features, misfit)?;
+        let q = whitener.whitened(&linear.basis).qr().q();
+        let y = whitener.whitened_column(&linear.residuals);
+        let effect = |columns: &DMatrix<f64>| {
+            self.watch.goes_on().then_some(())?;
+            random_effect(&y, &q, &whitener.whitened(columns))
+        };
+        let joints = of_visits(&visits, n_joints, |i| self.joints[i].as_view());
+        let shifts = of_visits(&visits, 3, |i| self.shifts[i].as_view());
+        let by_joints = effect(&joints)?;
+        let by_shifts = effect(&shifts)?;
+        let (found, columns, is_of_joints): (RandomEffect, DMatrix<f64>, bool) =
+            match by_joints.likelier > by_shifts.likelier {
+                true => (by_joints, joints, true),
+                false => (by_shifts, shifts, false),
+            };
+        let std = (found.ratio * found.noise_variance).sqrt();
+        let own_mm = found.noise_variance.sqrt();
+        let shared_mm = std * columns.norm() / (3.0 * points.len() as f64).sqrt();
+        let is_large = shared_mm > own_mm && shared_mm > REPEATABILITY_PER_REACH * self.reach_mm;
+        (found.by_chance() <= FALSE_ALARMS / N_TESTS && is_large).then_some(SharedErrors {
+            shared_mm,
+            own_mm,
+            joints_rad: is_of_joints.then_some(std),
+        })
+    }
+}
