@@ -171,7 +171,7 @@ pub fn nothing_left(problem: &Problem<'_>) -> Option<Warning> {
 }
 
 /// Number of equations and rank, if there are no more equations than the rank. Repeated poses do not add equations: they show only the repeatability.
-fn without_redundancy(problem: &Problem<'_>) -> Option<(usize, usize)> {
+pub fn without_redundancy(problem: &Problem<'_>) -> Option<(usize, usize)> {
     let counting: Vec<Observation> = problem
         .identify
         .iter()

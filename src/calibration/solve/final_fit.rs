@@ -4,7 +4,9 @@
 //! without weight, loss and kinds of corrections. The errors in the report are those of the verified fit.
 
 use crate::calibration::outcome::delivery::delivered;
-use crate::calibration::outcome::stated_uncertainty::{estimated, why_not_stated};
+use crate::calibration::outcome::stated_uncertainty::{
+    estimated, why_not_stated, without_redundancy,
+};
 use crate::calibration::preparation::arrangement::Arrangement;
 use crate::calibration::preparation::motions::fit_motions;
 use crate::calibration::preparation::row_weights::weigh;
@@ -125,7 +127,8 @@ pub fn final_fit<'a>(
             let [all, identify] = noises;
             let rounding_mm = ROUNDING_PER_REACH * reach_mm(&verified.request.robot.links);
             // a fit that can follow its few points scatters by nothing, and that says nothing
-            if all.std_mm > MAX_SCATTER * identify.std_mm + rounding_mm
+            if without_redundancy(verified).is_none()
+                && all.std_mm > MAX_SCATTER * identify.std_mm + rounding_mm
                 && all.is_more_than(&identify)
             {
                 return Ok((None, Some(subsets_differ(all.std_mm, identify.std_mm))));
