@@ -8,6 +8,7 @@ mod support;
 use support::process;
 
 mod arm;
+mod asked;
 mod browser;
 mod fleet;
 mod hall;
@@ -15,6 +16,7 @@ mod reach;
 mod sessions;
 mod trouble;
 mod walk;
+mod watched;
 #[allow(dead_code)] // other tests write its other kinds
 #[path = "../core/workbooks.rs"]
 mod workbooks;
