@@ -12,8 +12,8 @@ import { selection } from "./selection.js";
 const MAX_APART = 0.02;
 /** A pendant rounds its joint values, degrees. */
 const ROUNDED_DEG = 0.01;
-/** From here on the pendant shows another arm, mm and degrees: what differs below is in its controller's own parameters. */
-const [SAME_MM, SAME_DEG] = [1, 0.1];
+/** Nominal and real arm differ by some millimetres and tenths of a degree; what differs by more is another arm, mm and degrees. */
+const [SAME_MM, SAME_DEG] = [5, 0.5];
 
 const size = (v) => Math.hypot(...v);
 const between = (a, b) => size(a.map((v, k) => v - b[k]));
@@ -68,7 +68,7 @@ function compared(robot, q, t, position, orientation) {
   const unchecked = hasAngle ? [] : uncheckedJoints(robot, q, origin(t));
   const figures = `${off.toFixed(2)} mm${hasAngle ? ` and ${turned.toFixed(3)}°` : ""} apart`;
   const [joints, them] = unchecked.length === 1 ? [`Joint ${unchecked[0]} was`, "it"] : [`Joints ${unchecked.slice(0, -1).join(", ")} and ${unchecked.at(-1)} were`, "them"];
-  return el(isSame ? "div.done" : "div.warning", {}, el("p", {}, el("strong", {}, `Pendant and arm are ${figures}. `), isSame ? "It is this arm." : "It is another arm, a tool or base is active, or a joint is counted otherwise. Compare one joint after the other."),
+  return el(isSame ? "div.done" : "div.warning", {}, el("p", {}, el("strong", {}, `Pendant and arm are ${figures}. `), isSame ? "It may be this arm: compare a second posture, with other signs." : "It is another arm, a tool or base is active, or a joint is counted otherwise. Compare one joint after the other."),
     unchecked.length > 0 && el("p", {}, `${joints} not compared: half a turn of ${them} hardly moves this point. Type the pendant's orientation, too.`));
 }
 
