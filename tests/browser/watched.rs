@@ -52,7 +52,7 @@ fn a_robot_that_drifted_in_production_comes_first_and_its_figure_is_seen_on_a_ph
             .await;
         browser.run(&format!("{chip}.click()")).await;
         browser
-            .until("document.querySelectorAll('tbody tr').length === 1")
+            .until("document.querySelectorAll('.robots tbody tr').length === 1")
             .await;
         // both or neither say that a release would be refused
         browser.until_it_says("Release refused: ").await;
@@ -189,7 +189,10 @@ fn pages_of_jobs_and_robots_follow_what_runs_and_an_archived_robot_asks_for_noth
         }
         // while it runs, its page shows the arm
         let job = in_place(|| hall.long_job(&robot, &set));
-        browser.go(&format!("/#/jobs/{job}")).await;
+        // such a page is busy as long as the job runs
+        browser
+            .run(&format!("location.hash = '#/jobs/{job}'"))
+            .await;
         browser
             .until("document.querySelector('progress') && document.querySelector('canvas.scene')")
             .await;
