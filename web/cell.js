@@ -5,8 +5,8 @@ import { rowsOf } from "./csv.js";
 import { el, fill, problem, table, warning } from "./dom.js";
 import { fixed, mm, when } from "./format.js";
 import { referenceForm, referencesOf, referenceTable } from "./references.js";
+import { ofMatrix, quaternion, ROTATIONS } from "./rotations.js";
 
-const RAD = Math.PI / 180;
 /** Most frames and most tools that are listed. */
 const SHOWN = 200;
 
@@ -14,36 +14,6 @@ const SHOWN = 200;
 export async function cellOf(id, signal) {
   const [frames, tools, references] = await Promise.all([...["work-frames", "tools"].map((kind) => list(`/v1/robots/${id}/${kind}`, SHOWN, signal)), referencesOf(id, signal)]);
   return { frames, tools, references };
-}
-
-/** How controllers write a rotation: [kind, words, names of its numbers]. */
-const ROTATIONS = [
-  ["none", "not turned", []],
-  ["abc", "KUKA A B C, °", ["A", "B", "C"]],
-  ["wpr", "FANUC W P R, °", ["W", "P", "R"]],
-  ["vector", "rotation vector (UR), rad", ["rx", "ry", "rz"]],
-  ["quaternion", "quaternion w x y z (ABB q1 to q4)", ["w", "x", "y", "z"]],
-];
-
-const times = ([a, b, c, d], [w, x, y, z]) => [a * w - b * x - c * y - d * z, a * x + b * w + c * z - d * y, a * y - b * z + c * w + d * x, a * z + b * y - c * x + d * w];
-const about = (axis, rad) => [Math.cos(rad / 2), ...[0, 1, 2].map((k) => (k === axis ? Math.sin(rad / 2) : 0))];
-
-/** A rotation as a quaternion w, x, y, z. A, B, C turn about z, the new y and the new x; W, P, R about the fixed x, y and z, which is the same in reverse order. */
-export function quaternion(kind, values) {
-  const byZyx = ([z, y, x]) => times(times(about(2, z * RAD), about(1, y * RAD)), about(0, x * RAD));
-  const byVector = (vector) => {
-    const angle = Math.hypot(...vector);
-    return angle === 0 ? [1, 0, 0, 0] : [Math.cos(angle / 2), ...vector.map((v) => v / angle * Math.sin(angle / 2))];
-  };
-  return { none: () => [1, 0, 0, 0], abc: byZyx, wpr: ([w, p, r]) => byZyx([r, p, w]), vector: byVector, quaternion: (q) => q }[kind](values);
-}
-
-/** The quaternion of a rotation matrix, w not negative: the longest row of 4·q·qᵀ, to unit length. */
-function ofMatrix([[a, b, c], [d, e, f], [g, h, i]]) {
-  const rows = [[1 + a + e + i, h - f, c - g, d - b], [h - f, 1 + a - e - i, b + d, c + g], [c - g, b + d, 1 - a + e - i, f + h], [d - b, c + g, f + h, 1 - a - e + i]];
-  const longest = rows.reduce((best, row, k) => (row[k] > best.size ? { row, size: row[k] } : best), { row: rows[0], size: rows[0][0] }).row;
-  const by = Math.hypot(...longest) * (longest[0] < 0 ? -1 : 1);
-  return longest.map((v) => v / by);
 }
 
 const numberInput = (name, label) => el("input", { type: "number", step: "any", "aria-label": label, placeholder: name });

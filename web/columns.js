@@ -3,6 +3,7 @@
 import { list, post, put } from "./api.js";
 import { el, fill, problem } from "./dom.js";
 import { capital, plain } from "./format.js";
+import { rotationsOf } from "./sessions.js";
 
 /** Refusals that a mapping of columns can mend. */
 const ASKED = ["missing_unit", "two_readings", "no_header", "unknown_column", "missing_column", "wrong_joint_count", "duplicate_column", "mixed_units", "join_unclear", "unknown_sheet"];
@@ -69,6 +70,13 @@ export function mappingOf(understood, change = (column) => column) {
 /** Whether a file has the names and the separator of the documentation, and needs no mapping. */
 export const isPlain = (understood) => !understood || (understood.columns.every((column) => column.column === meaningOf(column)) && understood.separator === "," && understood.decimal === "point");
 
+/** A mapping with what was chosen of a file, or of each of two files. */
+export function withChoices(columns, choices) {
+  const merged = { ...columns, ...choices };
+  for (const part of ["robot", "instrument"]) if (choices[part] && columns[part]) merged[part] = { ...columns[part], ...choices[part] };
+  return merged;
+}
+
 /** Shows the files with a choice above each column; `read` is called with the mapping that was chosen. Rejects if the files cannot be shown. */
 export async function askColumns(robot, { body, type, stated: choices = {} }, decimal, out, read) {
   const stated = new URLSearchParams({ ...Object.keys(choices).length > 0 ? { columns: JSON.stringify(choices) } : {}, ...decimal ? { decimal } : {} });
@@ -88,7 +96,7 @@ export async function askColumns(robot, { body, type, stated: choices = {} }, de
       open.focus();
       return;
     }
-    const columns = { ...mapping(asked, by && by.value), ...choices };
+    const columns = withChoices(mapping(asked, by && by.value), choices);
     try {
       if (keep.checked) await put(`/v1/robots/${robot.id}/columns/${files.length > 1 ? REMEMBERED_PAIR : REMEMBERED}`, columns);
       read(columns);
@@ -182,7 +190,8 @@ export function understoodDetails(set) {
     el("p.note", {}, understood.columns.map((column) => `${column.column} is ${unit(column)}`).join("; "), "."),
     understood.ignored.length > 0 && el("p.note", {}, `Not read: ${understood.ignored.join(", ")}.`),
     understood.unread && el("p.note", {}, `${understood.unread.n} points of the program are not read: ${understood.unread.points.map((point) => `line ${point.line} ${point.name} (${point.reason})`).join("; ")}.`)));
-  return el("details", {}, el("summary", {}, "How the file was read"), rows, set.joined && joinWords(set.joined.join));
+  const turned = rotationsOf(set);
+  return el("details", {}, el("summary", {}, "How the file was read"), rows, turned.length > 0 && el("p", {}, capital(`${turned.join("; ")}.`)), set.joined && joinWords(set.joined.join));
 }
 
 function joinWords(join) {

@@ -1,6 +1,6 @@
 // Elements from data. Text always becomes a text node, so that no name can become markup.
 
-import { capital, gateDetail, gateTitle, plain, warningTitle } from "./format.js";
+import { capital, plain, warningTitle } from "./format.js";
 import { MATTERS, REMEDIES, WARNINGS } from "./words.js";
 
 const SVG = "http://www.w3.org/2000/svg";
@@ -33,6 +33,16 @@ function append(node, children) {
     if (child === undefined || child === null || child === false) continue;
     node.append(child instanceof Node ? child : document.createTextNode(String(child)));
   }
+}
+
+/** Draws a part of the page anew, and gives the focus back to the link or button that had it. */
+export function withFocus(part, draw) {
+  const had = document.activeElement;
+  const isInside = part.contains(had);
+  const key = (node) => node.getAttribute("href") ?? node.innerText;
+  const name = isInside && key(had);
+  draw();
+  if (isInside && !document.contains(had)) [...part.querySelectorAll("a, button")].find((node) => key(node) === name)?.focus({ preventScroll: true });
 }
 
 /** Puts these children in place of those that are there. */
@@ -70,18 +80,10 @@ let saying;
 
 /** A problem as the service tells it: its sentence, and every single reason. */
 export function problem(error) {
-  const reasons = (error.errors ?? []).map((issue) => el("li", {}, capital(plain(issue.detail))));
+  const reasons = (error.errors ?? []).filter((issue) => issue.detail !== error.detail).map((issue) => el("li", {}, capital(plain(issue.detail))));
   return el("div.problem", { role: "alert" }, el("p", {}, el("strong", {}, WARNINGS[error.code] ?? error.title ?? "It did not work"), ". ", plain(error.detail ?? String(error.message ?? error))),
     reasons.length > 0 && el("ul", {}, reasons));
 }
-
-/** A sentence with links in place of the ids of jobs. */
-export function linked(text) {
-  return text.split(/\bjob (job_\w+)/).map((part, i) => (i % 2 === 0 ? part : el("a", { href: `#/jobs/${part}` }, "this job")));
-}
-
-/** What gates found, a list item each. */
-export const gateItems = (gates) => el("ul", {}, gates.map((gate) => el("li", {}, el("strong", {}, gateTitle(gate)), ": ", linked(gateDetail(gate.detail)))));
 
 /** A sentence with long lists of names cut, and the whole sentence below it, folded. */
 export function brief(whole) {

@@ -1,12 +1,14 @@
 // One job: its progress while it runs, then its result.
 
 import { follow, get, post } from "./api.js";
+import { armFigure } from "./arm.js";
 import { convergence } from "./figures.js";
 import { el, fill, problem, say } from "./dom.js";
 import { capital, count, instrument, measuredAt, method, number, when } from "./format.js";
 import { statusBadge } from "./robot.js";
 import { result } from "./result.js";
-import { nPoints, setIds, setsInWords } from "./sessions.js";
+import { selection } from "./selection.js";
+import { nPoints, rotationsOf, setIds, setsInWords } from "./sessions.js";
 import { FAILURES, STAGES } from "./words.js";
 
 const isOver = (job) => !["queued", "running"].includes(job.status);
@@ -22,7 +24,7 @@ export async function jobPage(context, id) {
   fill(top, head(job, robot, sets, verified));
   if (!isOver(job)) {
     const live = watch(job, may);
-    fill(body, live.node);
+    fill(body, live.node, armOf(robot));
     job = await follow(id, live, signal);
     say(`The ${noun(job)} ${job.status === "succeeded" ? "is done" : `has ${job.status === "failed" ? "failed" : "been cancelled"}`}`);
     fill(top, head(job, robot, sets, verified));
@@ -50,13 +52,16 @@ function asked(job, verified) {
 function head(job, robot, sets, verified) {
   const [set] = sets;
   const frame = `${set.frame === "base" ? "robot base" : "instrument"} frame`;
-  const stated = `${set.instrument ? `; instrument: ${instrument(set.instrument)}` : ""}${set.record?.measured_at ? `; ${measuredAt(set.record)}` : ""}`;
+  const stated = `${set.instrument ? `; instrument: ${instrument(set.instrument)}` : ""}${set.record?.measured_at ? `; ${measuredAt(set.record)}` : ""}${rotationsOf(set).map((said) => `; ${said}`).join("")}`;
   const points = sets.length > 1 ? `${sets.length} sessions, ${count(nPoints(sets))} points together, ${frame}: ${setsInWords(sets)}` : `${set.name ?? "a set without a name"} (${count(set.n_points)} points, ${frame}${stated})`;
   return el("div.head", {}, el("div", {}, el("p.crumbs", {}, el("a", { href: "#/" }, "Robots"), " / ", el("a", { href: `#/robots/${robot.id}` }, robot.name)),
     el("h1", {}, `${capital(noun(job))} of ${robot.name}`),
     el("p.quiet", {}, `${job.kind !== "identify" ? "on" : "from"} ${points} · begun ${when(job.created_at)} · `, asked(job, verified))),
     el("div.actions", { "data-state": job.id }, statusBadge(job.status)));
 }
+
+/** The robot that is being measured, while there is nothing else to look at. */
+const armOf = (robot) => armFigure({ title: "The robot", level: "h2", caption: "The nominal arm at rest. The measured points appear with the result.", robot, points: [], selected: selection(0) }).node;
 
 /** Why there is no result, and what to do about it. */
 function ending(job, robot, { may, why }) {

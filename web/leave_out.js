@@ -92,11 +92,17 @@ export function leftOut(set) {
 }
 
 /** The state of an upload beside its points, so that the shorter file is taken like the whole one. */
-function statedOf({ frame, instrument, reference, record }) {
+function statedOf({ frame, instrument, reference, record, serial_number: serial, rotation, inverse_poses: inverse }) {
   const { levelled, ...noise } = instrument ?? {};
   const { measured_at_of_points: isOfPoints, measured_at: at, ...texts } = record ?? {};
-  const all = { frame, ...noise, instrument_levelled: levelled, reference: reference?.name, ...texts, measured_at: isOfPoints ? undefined : at };
+  const all = { frame, ...noise, instrument_levelled: levelled, reference: reference?.name, ...texts, measured_at: isOfPoints ? undefined : at, serial_number: serial, rotation, inverse_poses: inverse };
   return Object.fromEntries(Object.entries(all).filter(([, value]) => value !== undefined && value !== null && value !== false));
+}
+
+/** What goes beside a JSON body: its own instrument stands in it. */
+function besides(whole, stated) {
+  const { range_std_mm: length, range_std_mm_per_m: perMetre, angle_std_deg: angle, instrument_levelled: levelled, ...rest } = stated;
+  return whole.instrument ? rest : stated;
 }
 
 async function uploadWithout(robot, set, rows, name) {
@@ -104,7 +110,7 @@ async function uploadWithout(robot, set, rows, name) {
   const send = (body, type, columns, stated = statedOf(set)) => post(`/v1/robots/${robot.id}/measurement-sets?${new URLSearchParams({ ...stated, ...columns ? { columns: JSON.stringify(columns) } : {}, name })}`, body, type);
   if (file.type.startsWith("application/json")) {
     const whole = JSON.parse(await file.text());
-    return send(JSON.stringify({ ...whole, name, points: whole.points.filter((_, i) => !rows.includes(i)) }), "application/json", undefined, { frame: set.frame });
+    return send(JSON.stringify({ ...whole, name, points: whole.points.filter((_, i) => !rows.includes(i)) }), "application/json", undefined, besides(whole, statedOf(set)));
   }
   const parts = partsOf(new Uint8Array(await file.arrayBuffer()), set);
   const lines = linesOfPoints(parts, robot.links.length, set);

@@ -1,12 +1,10 @@
 // Adds a robot: from its file, from a URDF, or from a table of its links; with the arm to look at before anything is stored.
 
 import { get, post } from "./api.js";
-import { armFigure } from "./arm.js";
 import { el, fill, problem } from "./dom.js";
-import { fixed, mm } from "./format.js";
-import { framesOf, origin, restOf } from "./kinematics.js";
 import { MOUNTINGS } from "./manage.js";
-import { selection } from "./selection.js";
+import { postureCheck } from "./posture.js";
+import { fileForm } from "./robot_file.js";
 
 /** Most joints of a robot, as the service has it. */
 const MAX_JOINTS = 12;
@@ -15,10 +13,11 @@ const COLUMNS = [["a_mm", "a, mm"], ["alpha_deg", "α, °"], ["d_mm", "d, mm"], 
 /** The card. */
 export function newRobot() {
   const out = el("div", { "aria-live": "polite" });
-  const show = (robot, remark) => { fill(out, remark && el("p.note", {}, remark), check(robot)); out.scrollIntoView({ block: "nearest" }); };
+  const show = (robot, remarks = []) => { fill(out, remarks.map((remark) => el("p.note", {}, remark)), check(robot)); out.scrollIntoView({ block: "nearest" }); };
+  const waits = (said) => fill(out, el("p.note", { role: "status" }, said));
   const failed = (error) => fill(out, problem(error));
   return el("section.card", { id: "add-robot" }, el("h2", {}, "Add a robot"), el("p.note", {}, "Take an arm from the library, a file, or a table. Nothing is stored before you have seen the arm and confirmed it."),
-    library(show, failed), fileForm(show, failed), el("details", {}, el("summary", {}, "Or fill in a table of the links"), tableForm(show)), out);
+    library(show, failed), fileForm({ show, failed, waits }), el("details", {}, el("summary", {}, "Or fill in a table of the links"), tableForm(show)), out);
 }
 
 /** A type as it is compared: however it is spaced, "KR 10 R1100" is "kr10r1100". */
@@ -53,29 +52,6 @@ function library(show, failed) {
   return el("details", { toggle: (event) => event.target.open && place.childNodes.length === 0 && open() }, el("summary", {}, "Choose from the library of ready arms"), place);
 }
 
-function fileForm(show, failed) {
-  const file = el("input", { id: "robot-file", type: "file", accept: ".json,.urdf,.xml,.csv,application/json,application/xml,text/csv" });
-  const convention = el("select", { id: "robot-convention" }, [["mdh", "modified (Craig)"], ["dh", "standard (distal)"]].map(([value, words]) => el("option", { value }, words)));
-  const asked = el("div", { hidden: true }, el("label", { for: "robot-convention" }, "Convention of the table"), convention);
-  const read = async () => {
-    if (file.files.length === 0) return;
-    const [chosen] = file.files;
-    const isTable = /\.csv$/i.test(chosen.name);
-    asked.hidden = !isTable;
-    try {
-      if (/\.json$/i.test(chosen.name)) return show(JSON.parse(await chosen.text()));
-      const query = new URLSearchParams({ format: isTable ? convention.value : "urdf", name: chosen.name.replace(/\.\w+$/, "").replaceAll("_", " ").trim().slice(0, 200) || "robot" });
-      const found = await post(`/v1/robot-imports?${query}`, chosen, isTable ? "text/csv" : "application/xml");
-      show(found.robot, `Read with ${found.robot.links.length} joints; the links agree with the file to ${found.largest_difference_mm < 1e-6 ? "less than a nanometre" : mm(found.largest_difference_mm)}.`);
-    } catch (error) {
-      failed(error instanceof SyntaxError ? { title: "This is no JSON", detail: error.message } : error);
-    }
-  };
-  file.addEventListener("change", read);
-  convention.addEventListener("change", read);
-  return el("form", { submit: (event) => event.preventDefault() }, el("label", { for: "robot-file" }, "Robot file: kincal's JSON, a URDF, or a CSV table of the links"), el("div.fields", {}, file, asked));
-}
-
 function tableForm(show) {
   const name = el("input", { id: "robot-name", maxlength: 200, required: true });
   const serial = el("input", { id: "robot-serial", maxlength: 200 });
@@ -107,12 +83,7 @@ function tableForm(show) {
 /** The arm in a posture to compare with the pendant, and the button that stores it. */
 function check(robot) {
   if (!Array.isArray(robot.links) || robot.links.length === 0) return problem({ title: "No links", detail: "A robot has links; this file names none." });
-  const q = restOf(robot);
   const out = el("div", {});
-  const flange = el("p", { role: "status" });
-  const drawn = armFigure({ title: `Is this your ${robot.name || "robot"}?`, caption: "Type the joint values that the pendant shows, and compare the flange with the pendant's position of tool 0.", robot, points: [], selected: selection(0), postures: () => q, rest: () => q });
-  const say = () => fill(flange, "Flange in the base frame: ", el("strong", {}, origin(framesOf(robot, q).at(-1)).map((v) => fixed(v, 2)).join(", ")), " mm");
-  const inputs = robot.links.map((_, i) => el("label.joint", {}, `J${i + 1}`, el("input", { type: "number", step: "any", value: q[i], "aria-label": `Joint ${i + 1}, degrees`, input: (event) => { q[i] = Number(event.target.value); say(); drawn.redraw(); } })));
   const name = el("input", { id: "robot-stored-name", value: robot.name ?? "", maxlength: 200, required: true });
   const serial = el("input", { id: "robot-stored-serial", value: robot.serial_number ?? "", maxlength: 200, placeholder: "on the type plate" });
   const mounting = !robot.mounting && el("select", { id: "robot-stored-mounting" }, MOUNTINGS.map(([value, words]) => el("option", { value }, words)));
@@ -126,6 +97,5 @@ function check(robot) {
       fill(out, problem(error));
     }
   };
-  say();
-  return el("form", { submit: store }, drawn.node, el("div.controls", {}, inputs), flange, el("div.fields", {}, field("robot-stored-name", "Name", name), field("robot-stored-serial", "Serial number", serial), field("robot-stored-mounting", "Mounting", mounting)), out, el("button.primary", { type: "submit" }, "Add robot"));
+  return el("form", { submit: store }, postureCheck(robot, { title: `Is this your ${robot.name || "robot"}?` }), el("div.fields", {}, field("robot-stored-name", "Name", name), field("robot-stored-serial", "Serial number", serial), field("robot-stored-mounting", "Mounting", mounting)), out, el("button.primary", { type: "submit" }, "Add robot"));
 }

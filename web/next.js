@@ -1,8 +1,9 @@
 // What to do next with a result: from the first fit to the release, one step after the other.
 
 import { get, post } from "./api.js";
-import { el, fill, gateItems, linked, problem } from "./dom.js";
+import { el, fill, problem } from "./dom.js";
 import { gateDetail, gateTitle, mm } from "./format.js";
+import { gateItems, linked } from "./gate_texts.js";
 import { leftOut } from "./leave_out.js";
 import { MATTERS, NO_USE, REMEDIES, WARNINGS } from "./words.js";
 
@@ -232,7 +233,7 @@ function remedy(code, { job, robot, set, may }) {
   const page = el("a.button", { href: `#/robots/${robot.id}` }, `To ${robot.name}`);
   const known = {
     model_too_small: [el("p", {}, "These points need a model with base and reflector, which the paper's model has not."), el("div.actions", {}, again("Calibrate again with the complete model", { model: "complete", frames_id: undefined, preset: "default" }))],
-    joint_map_suspect: [el("p", {}, "A joint is counted in another way than the robot's joint map says. The warning below names it. Correct the robot's joint map, then calibrate again."), el("div.actions", {}, page)],
+    joint_map_suspect: [el("p", {}, "Joints are counted otherwise than the robot's joint map says, or the file's axes are mirrored. Check x, y and z of the export first, then the joint that the warning names. Then calibrate again."), el("div.actions", {}, page)],
     set_far_off: [el("p", {}, "The robot is not as it was when this set was identified. Identify anew with these points."), el("div.actions", {}, again("Calibrate with these points", { kind: "identify", parameter_set_id: undefined }))],
     not_converged: [el("p", {}, "The search ended before it had settled, so nothing can be said of the points. The automatic method searches until it has settled."), el("div.actions", {}, again("Calibrate again with the automatic method", { method: "auto", preset: "default", options: undefined }))],
     no_better_than_nominal: [el("p", {}, "Leave out points that do not fit, or measure more poses that move every joint, and calibrate again."), el("div.actions", {}, el("a.button", { href: `#/robots/${robot.id}/plan` }, "Plan the poses to measure"))],

@@ -1,8 +1,10 @@
 // What mends a refused upload by one click: a choice that the file leaves open, or the reading that the service found to fit.
 
-import { patch, post } from "./api.js";
+import { post } from "./api.js";
 import { mappingOf, SEPARATORS } from "./columns.js";
-import { el, fill, problem, say } from "./dom.js";
+import { el, fill, problem } from "./dom.js";
+import { equallyGood, jointMapRemedy, MAP, mapIn } from "./joint_maps.js";
+import { sheetChoice, sheetsIn } from "./sheets.js";
 import { SUSPICIONS } from "./words.js";
 
 /** The separators that a refusal asks to choose from. */
@@ -11,17 +13,11 @@ function separatorsIn(errors) {
   return [...new Set((detail?.split("State it")[0].match(/"[^"]+"/g) ?? []).map((quoted) => JSON.parse(quoted)))];
 }
 
-/** The sheets that a refusal asks to choose from; none where it asks for something else. */
-function sheetsIn(errors) {
-  const detail = (errors ?? []).map((issue) => issue.detail).find((said) => said.includes("sheets of the workbook have cells"));
-  return (detail?.split(": name one")[0].match(/"(?:[^"\\]|\\.)*"/g) ?? []).map((quoted) => JSON.parse(quoted.replace(/\\'/g, "'")));
-}
-
 /** Whether a refusal does not tell which decimal mark a table has. */
 const asksForDecimal = (errors) => (errors ?? []).some((issue) => /"decimal": "(comma|point)"/.test(issue.detail));
 
 /** Whether a refusal is mended by one of a few buttons; what the columns are is asked afterwards. */
-export const asksForChoice = ({ errors }) => sheetsIn(errors).length > 0 || separatorsIn(errors).length > 0 || asksForDecimal(errors);
+export const asksForChoice = ({ errors }) => sheetsIn(errors).sheets.length > 0 || separatorsIn(errors).length > 0 || asksForDecimal(errors);
 
 /** Units that a refusal names: its words, those of the button, and the unit of a column. */
 const isJoint = ({ means }) => /^q\d+$/.test(means);
@@ -40,29 +36,8 @@ function readingIn(detail) {
   return joints && { words: `with the columns of ${joints.join(" and ")} exchanged`, change: (column) => ({ ...column, means: other(column.means) }) };
 }
 
-/** A joint map as it stands in a text of the service. */
-const MAP = /the robot's joint_map is (\{"sign".*?\]\]\})/s;
-
 /** The text of a refusal in words for a page: what stands below as a button is not repeated as text for programs. */
 export const inPageWords = (detail) => detail.replace(MAP, "the robot's joint map is the one below").replace(/ To keep (?:it|them) all the same, insist on \w+(?:: no release then rests on it)?/, "").replace("rotation=", "").replace(": say so, or write them as stated", "").replace(/ Say inverse_poses=true \([^)]*\) with frame=instrument, or invert them/, " Invert them by the button below").replace(" (inverse_poses=true)", "").replace(/\.$/, "");
-
-/** The joint map that a refusal names; undefined where it names none. */
-function mapIn(issues) {
-  const stated = issues.map((issue) => issue.joint_map).find(Boolean);
-  const written = issues.map(({ detail }) => MAP.exec(detail)?.[1]).find(Boolean);
-  return stated ?? (written && JSON.parse(written));
-}
-
-/** A joint map in words, a sentence for each joint that it counts otherwise than the model. */
-export function mapInWords({ sign = [], offset_deg: offset = [], coupling = [] }) {
-  const n = Math.max(sign.length, offset.length, coupling.length);
-  const joints = Array.from({ length: n }, (_, i) => {
-    const others = (coupling[i] ?? []).map((share, k) => k !== i && share !== 0 && `turns along with joint ${k + 1} (${share > 0 ? "+" : "\u2212"}${Math.abs(share)} of its angle)`);
-    const said = [sign[i] < 0 && "is counted the other way round", offset[i] && `has its zero ${offset[i] > 0 ? "+" : "\u2212"}${Math.abs(offset[i])}° away`, coupling[i] && coupling[i][i] !== 1 && `turns ${coupling[i][i]} times as far`, ...others].filter(Boolean);
-    return said.length > 0 && `Joint ${i + 1} ${said.join(", ")}.`;
-  }).filter(Boolean);
-  return joints.length > 0 ? joints : ["Every joint is counted as in the model."];
-}
 
 /** Reads the file once more with its columns changed. */
 async function readAs({ change }, context, out) {
@@ -78,29 +53,13 @@ async function readAs({ change }, context, out) {
   }
 }
 
-/** Stores a joint map with the robot, and reads the file once more. */
-async function countSo(map, { robot, retry }, out) {
-  try {
-    const { joint_map: now } = await patch(`/v1/robots/${robot.id}`, { joint_map: map });
-    robot.joint_map = now;
-    say("The robot's joint map was changed");
-    retry({})();
-  } catch (error) {
-    fill(out, problem(error));
-  }
-}
-
-/** Remedies that one click applies to a refused upload. A JSON file states its frame and its units itself. `context` is {robot, file, query, retry}. */
+/** Remedies that one click applies to a refused upload. A JSON file states its frame and its units itself. `context` is {robot, file, query, retry, asPair}. */
 export function remedies({ code, errors }, context) {
   const { retry, file: { isJson } } = context;
   const issues = errors ?? [];
   const choose = (question, choices) => el("div", {}, el("p", {}, question), el("div.actions", {}, choices.map(([words, more]) => el("button", { type: "button", click: retry(more) }, words))));
-  const sheets = isJson ? [] : sheetsIn(errors);
-  if (sheets.length > 0) {
-    const other = el("input", { id: "other-sheet", type: "text", maxlength: 200 });
-    const read = () => { if (other.value.trim() !== "") retry({ stated: { sheet: other.value.trim() } })(); };
-    return [choose("Which sheet has the measured points?", sheets.map((sheet) => [sheet, { stated: { sheet } }])), el("div.controls", {}, el("label", { for: other.id }, "Or another one"), other, el("button", { type: "button", click: read }, "Read this sheet"))];
-  }
+  const asked = sheetsIn(errors);
+  if (asked.sheets.length > 0 && !isJson) return sheetChoice(asked, context);
   const separators = isJson ? [] : separatorsIn(errors);
   if (separators.length > 0) return choose("What stands between the columns?", separators.map((separator) => [SEPARATORS[separator] ?? separator, { stated: { separator } }]));
   if (asksForDecimal(errors) && !isJson) return choose("Which decimal mark has the file?", [["A comma: 12,5", { decimal: "comma" }], ["A point: 12.5", { decimal: "point" }]]);
@@ -112,11 +71,12 @@ export function remedies({ code, errors }, context) {
   const out = el("div", {});
   const reading = isJson ? undefined : texts.map(readingIn).find(Boolean);
   const map = mapIn(issues);
-  return el("div", {},
-    map && [el("p", {}, reading ? "Or the controller counts its joints otherwise:" : "The controller counts its joints otherwise than the robot that is stored:"), el("ul", {}, mapInWords(map).map((said) => el("li", {}, said)))],
-    out, el("div.actions", {},
-      code === "frame_suspect" && !isJson && el("button.primary", { type: "button", click: retry({ frame: "instrument" }) }, "Read it in the instrument's frame"),
-      reading && el("button.primary", { type: "button", click: () => readAs(reading, context, out) }, `Read ${reading.words}`),
-      map && el(reading ? "button" : "button.primary", { type: "button", click: () => countSo(map, context, out) }, "Store this joint map with the robot, and read the file so"), poses,
-      el("button", { type: "button", click: retry({ insist: code }) }, "Keep it all the same: no release will rest on it")));
+  const mapped = map && jointMapRemedy(map, issues, { isFirst: !reading && code !== "frame_suspect", out, context });
+  // of several explanations that fit equally well none is the main one
+  const first = equallyGood(issues).length > 0 ? "button" : "button.primary";
+  return el("div", {}, mapped?.node, out, el("div.actions", {},
+    code === "frame_suspect" && !isJson && el(first, { type: "button", click: retry({ frame: "instrument" }) }, "Read it in the instrument's frame"),
+    reading && el(first, { type: "button", click: () => readAs(reading, context, out) }, `Read ${reading.words}`),
+    mapped?.place, poses,
+    el("button", { type: "button", click: retry({ insist: code }) }, "Keep it all the same: no release will rest on it")));
 }

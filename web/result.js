@@ -3,8 +3,9 @@
 import { get, list, post } from "./api.js";
 import { checkTables, checkVerdict } from "./check.js";
 import { convergence, histogram, IDENTIFIED, interval, RECALIBRATED, VERIFIED } from "./figures.js";
-import { el, fill, gateItems, problem, say, table, warning } from "./dom.js";
+import { el, fill, problem, say, table, warning } from "./dom.js";
 import { capital, correctionTitle, error, EVIDENCE, fixed, method, mm, number, parameter, plain, sessionOf, signed, span, when } from "./format.js";
+import { gateItems } from "./gate_texts.js";
 import { best } from "./history.js";
 import { leftOut } from "./leave_out.js";
 import { decisions, statusBadge } from "./robot.js";
@@ -32,7 +33,7 @@ export async function result(body, context, { job, robot, sets, verified }) {
     job.parameter_set_id ? get(`/v1/parameter-sets/${job.parameter_set_id}`, signal) : null, verifySet ? get(`/v1/measurement-sets/${verifySet}`, signal) : null, job.parameter_set_id ? laterSession(job.parameter_set_id, robot, signal) : null,
   ]);
   const half = report.verify ?? report.identify;
-  const against = job.kind !== "identify" && foundBadge(report);
+  const against = foundBadge(report);
   if (against) fill(document.querySelector(`[data-state="${job.id}"]`) ?? el("div"), against);
   const names = job.kind !== "identify" ? VERIFIED : isPartial(job) ? RECALIBRATED : IDENTIFIED;
   const drawn = resultPoints({ report, job, sets, other, robot, parameterSet: parameterSet ?? verified, names }, context);
@@ -147,7 +148,7 @@ function summary(report, half, job, verified, later) {
     verified && ["Verified", el("a", { href: `#/jobs/${verified.job_id}` }, verified.status === "released" ? "active set" : `${verified.status} set`), `identified ${when(verified.created_at)}`],
     ["Mean error", mm(half.after.mean_mm), `${before} ${mm(half.before.mean_mm)}`],
     isCorrected(half) && ["With corrections", mm(half.corrected.mean_mm), "mean error; for predictions and corrected targets"],
-    ["Largest error", mm(half.after.max_mm), `${before} ${mm(half.before.max_mm)}`],
+    ["Largest error", mm(half.after.max_mm), `${report.verify && job.kind === "identify" ? "of the held-out points; " : ""}${before} ${mm(half.before.max_mm)}`],
     report.tool_uncertainty_mm && ["Uncertainty at the tool", mm(report.tool_uncertainty_mm.mean), `at worst ${mm(report.tool_uncertainty_mm.max)}; one standard deviation, by the links alone${report.reference ? " and the scale of the instrument" : ""}`],
     report.tool_uncertainty_corrected_mm && ["Uncertainty with corrections", mm(report.tool_uncertainty_corrected_mm.mean), `at worst ${mm(report.tool_uncertainty_corrected_mm.max)}; of predictions and corrected targets`],
     report.reference && ["Instrument, by its reference", `${report.reference.scale_error_ppm.toFixed(1)} ppm`, `standard uncertainty ${report.reference.scale_std_ppm.toFixed(1)} ppm; ${mm(report.reference.at_reach_std_mm)} at the arm's reach`],
@@ -165,7 +166,7 @@ function decision(parameterSet, context, steps, robot) {
     const buttons = [];
     if (context.may("release") && ["candidate", "superseded"].includes(current.status)) buttons.push(el("button.primary.release", { type: "button", click: again("release", "Release this parameter set") }, current.status === "candidate" ? "Release …" : "Release again …"));
     if (context.may("release") && ["released", "candidate"].includes(current.status)) buttons.push(el("button.danger", { type: "button", click: again("withdraw", "Withdraw this parameter set") }, "Withdraw …"));
-    buttons.push(saveButton("Download parameters", `/v1/parameter-sets/${current.id}`, current.id, ".json"), el("button", { type: "button", click: () => document.getElementById("exports").scrollIntoView() }, "Export …"));
+    buttons.push(saveButton("Download parameters", `/v1/parameter-sets/${current.id}`, current.id, ".json"), el("button", { type: "button", click: toExports }, "Export …"));
     const history = decisions(current).map((sentence) => el("p.quiet.reason", {}, sentence));
     fill(node, said && el("div.done", {}, el("p", {}, said)), el("div.head", {}, el("div", {}, el("h2", {}, "Parameter set ", statusBadge(current.status)), el("p.quiet", {}, MEANING[current.status] ?? ""), history), el("div.actions", {}, buttons)));
     const remarks = (current.release_checks ?? []).filter((gate) => gate.warning);
@@ -179,6 +180,13 @@ function decision(parameterSet, context, steps, robot) {
   };
   draw(parameterSet, null);
   return node;
+}
+
+/** The menu of exports gets the keyboard, too. */
+function toExports() {
+  const menu = document.getElementById("exports");
+  menu.scrollIntoView();
+  menu.focus({ preventScroll: true });
 }
 
 const MEANING = {

@@ -2,11 +2,13 @@
 
 import { get, list, post } from "./api.js";
 import { armFigure } from "./arm.js";
-import { brief, el, fill, problem, table } from "./dom.js";
+import { brief, el, fill, problem, say, table, withFocus } from "./dom.js";
 import { age, capital, count, error, EVIDENCE, gateTitle, measuredAt, method, mm, number, parameter, plain, ran, sessionOf, span, when } from "./format.js";
 import { best, errorHistory, parameterHistory, past, state } from "./history.js";
 import { manageCard } from "./manage.js";
 import { SOON_JUDGED, verifyPage } from "./next.js";
+import { isRunning, whileRunning } from "./polling.js";
+import { postureCard } from "./posture.js";
 import { facts, overviewOf, standing } from "./robots.js";
 import { saveButton, savePoints } from "./save.js";
 import { selection } from "./selection.js";
@@ -30,22 +32,49 @@ export async function robotPage({ main, signal, may, why, query }, id, part) {
   ]);
   const [entries, { trend }] = await Promise.all([past(stand, signal), get(`/v1/robots/${id}/history?limit=1`, signal)]);
   const uploads = el("div", {}, setTable(sets));
-  const steps = el("div", {}, stand.newest ? [] : firstSteps(robot, sets, stand, may));
+  const [top, steps, results, runs] = [el("div", {}), el("div", {}), el("div", {}), el("div", {})];
+  const isNew = sets.length + jobs.length === 0;
+  const shown = { robot, stand, now, sets, jobs, entries, trend, may, why, signal };
+  const draw = () => {
+    fill(top, head(shown), archived(shown.robot), checkRobot(shown), failure(shown.stand.lastJob), known(shown));
+    fill(steps, shown.stand.newest ? guide(shown) : firstSteps(shown));
+    fill(results, !shown.stand.newest && nominalArm(robot), history(shown.entries, shown.stand.sessions), section("Parameter sets", parameterSets(shown), isNew));
+    fill(runs, jobTable(shown.jobs));
+  };
   const uploaded = (set) => {
     sets.unshift(set);
     fill(uploads, setTable(sets));
-    if (!stand.newest) fill(steps, firstSteps(robot, sets, stand, may));
+    if (!shown.stand.newest) fill(steps, firstSteps(shown));
     uploads.closest("section").hidden = false;
   };
-  const isNew = sets.length + jobs.length === 0;
-  const verifying = await toVerify(query.get("verify"), { stand, jobs, sets }, signal);
-  fill(main, head(robot, stand, now), archived(robot), checkRobot(robot, stand, may, why), failure(stand.lastJob), known(stand, trend, now), steps, guide(robot, stand, { now, sets, may, signal }),
-    uploadCard(robot, { sets, parameterSets: stand.sets, may, uploaded, hasNetwork: networks.length > 0, verifying }), may("upload") ? why("identify", "start calibrations") : why("upload", "upload measured points"), !stand.newest && nominalArm(robot), history(entries, stand.sessions),
-    section("Parameter sets", parameterSets(entries, framesOf(jobs, sets)), isNew), section("Jobs", jobTable(jobs), isNew), section("Measurement sets", uploads, isNew),
-    networks.length > 0 && section("Networks", networkTable(networks)), manageCard(robot, stand.sets, { may, why, signal }), nominal(robot));
+  const verifying = await toVerify(query.get("verify"), shown, signal);
+  draw();
+  fill(main, top, steps, !robot.archived_at && [uploadCard(robot, { sets, parameterSets: stand.sets, may, uploaded, hasNetwork: networks.length > 0, verifying }), may("upload") ? why("identify", "start calibrations") : why("upload", "upload measured points")], results,
+    section("Jobs", runs, isNew), section("Measurement sets", uploads, isNew),
+    networks.length > 0 && section("Networks", networkTable(networks)), postureCard(robot), manageCard(robot, stand.sets, { may, why, signal }), nominal(robot));
+  whileRunning(() => shown.jobs.some(isRunning), () => refresh(shown, main, draw, runs), signal);
   if (part !== "upload") return;
   document.getElementById("calibrate")?.scrollIntoView();
   document.getElementById("set-file")?.focus({ preventScroll: true });
+}
+
+/** Asks for the jobs again. Once one of them has ended, all is drawn anew but the forms. */
+async function refresh(shown, main, draw, runs) {
+  const { robot: { id }, signal } = shown;
+  const jobs = await list(`/v1/robots/${id}/jobs`, SHOWN, signal);
+  const states = (some) => some.map((job) => `${job.id} ${job.status}`).join();
+  if (states(jobs) === states(shown.jobs)) return;
+  if (!jobs.some((job) => !isRunning(job) && isRunning(shown.jobs.find((one) => one.id === job.id)))) {
+    shown.jobs = jobs;
+    withFocus(runs, () => fill(runs, jobTable(jobs)));
+    return;
+  }
+  const robot = await get(`/v1/robots/${id}`, signal);
+  const [stand, now] = await Promise.all([state(robot, signal), overviewOf(robot, signal)]);
+  const [entries, { trend }] = await Promise.all([past(stand, signal), get(`/v1/robots/${id}/history?limit=1`, signal)]);
+  Object.assign(shown, { robot, stand, now, jobs, entries, trend });
+  withFocus(main, draw);
+  say("A job of this robot has ended");
 }
 
 /** The parameter set that somebody came here to verify, and the set of points that it was identified from; null if none is named. */
@@ -60,13 +89,14 @@ async function toVerify(id, { stand, jobs, sets }, signal) {
 const archived = (robot) => (robot.archived_at ? el("div.warning", {}, el("p", {}, el("strong", {}, `This robot was archived ${when(robot.archived_at)}. `), "It is in no list and cannot be calibrated. Restore it below, under Name, joint limits, policy of releases, rollback, archive.")) : []);
 
 /** How a robot gets its first set, and which step is next. */
-function firstSteps(robot, sets, { lastJob }, may) {
+function firstSteps({ robot, sets, stand: { lastJob }, may }) {
+  if (robot.archived_at) return [];
   const now = sets.length > 0 ? 2 : 0;
   const steps = [["Measure", "Move the robot to 30 or more different poses, and measure a reflector on its flange with a tracker. The plan names good poses."], ["Upload", "A table with the joint values and the measured position of each pose. It is checked before anything is stored."], ["Calibrate, verify, release", "Start the calibration, then verify it with a second session. Nothing reaches the cell before somebody releases it."]];
-  const isRunning = ["queued", "running"].includes(lastJob?.status);
-  return el("section.card.next", { "aria-label": "What to do next" }, el("h2", {}, "What to do next"), el("p", {}, `This robot has not been calibrated yet. ${isRunning ? "A job of it is running." : sets.length > 0 ? "Its points are stored: start the calibration below." : ""}`),
+  const runs = isRunning(lastJob);
+  return el("section.card.next", { "aria-label": "What to do next" }, el("h2", {}, "What to do next"), el("p", {}, `This robot has not been calibrated yet. ${runs ? "A job of it is running." : sets.length > 0 ? "Its points are stored: start the calibration below." : ""}`),
     el("ol.path", {}, steps.map(([name, said], i) => el(i < now ? "li.done-step" : i === now ? "li.now" : "li", i === now ? { "aria-current": "step" } : {}, el("strong", {}, name), el("span", {}, said)))),
-    el("div.actions", {}, isRunning ? el("a.button.primary", { href: `#/jobs/${lastJob.id}` }, "Watch it") : sets.length > 0 && may("identify") && el(lastJob?.status === "failed" ? "button" : "button.primary", { type: "button", click: toCalibration }, "To the calibration"), el("a.button", { href: `#/robots/${robot.id}/plan` }, "Plan the poses to measure")));
+    el("div.actions", {}, runs ? el("a.button.primary", { href: `#/jobs/${lastJob.id}` }, "Watch it") : sets.length > 0 && may("identify") && el(lastJob?.status === "failed" ? "button" : "button.primary", { type: "button", click: toCalibration }, "To the calibration"), el("a.button", { href: `#/robots/${robot.id}/plan` }, "Plan the poses to measure")));
 }
 
 /** To the form that calibrates with stored points, which is folded. */
@@ -91,15 +121,15 @@ function failure(job) {
 /** A longer description ends after its first sentence; the nominal links below have the whole of it. */
 const MAX_DESCRIPTION = 120;
 
-function head(robot, stand, now) {
+function head({ robot, stand, now }) {
   const short = robot.description?.length > MAX_DESCRIPTION ? `${/^.*?[.;](?= )/s.exec(robot.description)?.[0] ?? `${robot.description.slice(0, MAX_DESCRIPTION)} …`}` : robot.description;
   const details = [robot.serial_number ? `serial number ${robot.serial_number}` : "no serial number", `${robot.links.length} ${robot.links.length === 1 ? "joint" : "joints"}`, robot.mounting && robot.mounting !== "floor" && typeof robot.mounting === "string" && `on the ${robot.mounting}`, short].filter(Boolean);
   return el("div.head", {}, el("div", {}, el("p.crumbs", {}, el("a", { href: "#/" }, "Robots")), el("h1", {}, robot.name), el("p.quiet", {}, details.join(" · "))),
-    el("div.actions", {}, now && standing(now), el("a.button", { href: `#/robots/${robot.id}/plan` }, "Plan poses"), stand.newest && el("a.button", { href: `#/robots/${robot.id}/correct` }, "Correct a program"), stand.sets.length > 1 && el("a.button", { href: `#/robots/${robot.id}/compare` }, "Compare sets")));
+    el("div.actions", {}, now && standing(now), el("span", { id: "drifted" }), el("a.button", { href: `#/robots/${robot.id}/plan` }, "Plan poses"), stand.newest && el("a.button", { href: `#/robots/${robot.id}/correct` }, "Correct a program"), stand.sets.length > 1 && el("a.button", { href: `#/robots/${robot.id}/compare` }, "Compare sets")));
 }
 
 /** What to do where a session does not fit the robot. */
-function checkRobot(robot, { active, newest, sessions }, may, why) {
+function checkRobot({ robot, stand: { active, newest, sessions }, may, why }) {
   if (robot.state !== "check_robot") return [];
   const page = `#/robots/${robot.id}`;
   const misfit = sessions.find(({ job }) => job.id === robot.check_job_id);
@@ -115,7 +145,7 @@ function checkRobot(robot, { active, newest, sessions }, may, why) {
     }
   };
   return el("section.card.alarm", {}, el("h2", {}, "Check this robot"),
-    el("p", {}, "The file of ", el("a", { href: `#/jobs/${robot.check_job_id}` }, misfit ? `the ${sessionOf(misfit)}` : "this verification"), ` does not fit this robot${misfit ? `: it misses by ${mm(best(misfit.report).after.rms_mm)} rms` : ""}. It is in another frame or of another robot, or the robot has changed. No release is made until a new session fits, or somebody says why all is well.`),
+    el("p", {}, "The file of ", el("a", { href: `#/jobs/${robot.check_job_id}` }, misfit ? `the ${sessionOf(misfit)}` : "this verification"), ` does not fit this robot${misfit ? `: it misses by ${mm(rmsOf(misfit))} rms` : ""}. It is in another frame or of another robot, or the robot has changed. No release is made until a new session fits, or somebody says why all is well.`),
     active && el("p", {}, el("strong", {}, "The cell still runs the active set until it is withdrawn.")),
     el("div.actions", {}, may("upload") && el("a.button.primary", { href: active || newest ? verifyPage(robot, active ?? newest) : `${page}/upload` }, "Measure again and upload a session"), may("identify") && el("a.button", { href: `${page}/upload` }, "Calibrate anew"), may("release") && active && el("a.button", { href: `#/jobs/${active.job_id}` }, "Withdraw the set")),
     why("release", "say that all is well"), may("release") && el("form", { submit }, el("label", { for: "checked-reason" }, "Why all is well"),
@@ -131,34 +161,45 @@ function beyondChance(sessions) {
   return sessions.probability < FALSE_ALARMS ? "; more than chance" : "; may be chance";
 }
 
+/** The rms of a job, as every list has it. */
+const rmsOf = ({ job, report }) => job.rms_mm ?? best(report).after.rms_mm;
+
+/** The errors of a report, with the rms that the list of robots has: one figure for one robot. */
+function asListed(source, lastSession, now) {
+  const { before, after } = best(source);
+  if (lastSession) return [before, { ...after, rms_mm: rmsOf(lastSession) }];
+  const stored = now?.active ?? now?.newest;
+  return [{ ...before, rms_mm: stored?.before_rms_mm ?? before.rms_mm }, { ...after, rms_mm: stored?.after_rms_mm ?? after.rms_mm }];
+}
+
 /** The newest error that is known of a set, and where it comes from: the figures, their evidence and their points belong together. */
 function errorFacts({ active, report, lastSession, doubt }, now) {
   const which = active ? "active set" : "newest result";
   const source = lastSession?.report ?? report;
-  const { before, after, n_points: n } = best(source);
+  const { n_points: n } = best(source);
+  const [before, after] = asListed(source, lastSession, now);
   const [words] = EVIDENCE[source.evidence] ?? [source.evidence];
   const doubted = doubt ? ". A newer session does not fit the robot" : "";
   const evidence = (remark) => {
-    const misses = doubt && best(doubt.report);
-    return doubt ? ["Evidence", "a newer session does not fit", `the ${sessionOf(doubt)} misses by ${mm(misses.after.rms_mm)} rms; before it: ${words}${remark ? `, ${remark}` : ""}`] : ["Evidence", words, remark];
+    return doubt ? ["Evidence", "a newer session does not fit", `the ${sessionOf(doubt)} misses by ${mm(rmsOf(doubt))} rms; before it: ${words}${remark ? `, ${remark}` : ""}`] : ["Evidence", words, remark];
   };
   if (lastSession) {
     const found = foundAgainst(lastSession.report);
     // of the active set the service decides, by the tolerance if there is one
     const against = active ? now?.need === "drifted" && now.reason : found && `${found}: ${mm(after.rms_mm)} rms`;
     return [[`${doubt ? "Error when a session last fitted" : "Error now"} (${which})`, mm(after.rms_mm), ["rms on the ", el("a", { href: `#/jobs/${lastSession.job.id}` }, sessionOf(lastSession)), `; nominal robot ${mm(before.rms_mm)}${doubted}`]],
-      ["Largest error", mm(after.max_mm), `on that session; nominal robot ${mm(before.max_mm)}`],
+      ["Largest error", mm(after.max_mm), `of the points of that session; nominal robot ${mm(before.max_mm)}`],
       against && !doubt ? ["Evidence", "a later session speaks against it", capital(against)] : evidence(`${against ? "a later session speaks against it" : "a later session verified it"}: ${count(n)} points`)];
   }
   if (!source.verify || source.evidence === "none") return [[`Error at identification (${which})`, "not verified", source.verify ? "the points that were kept aside are no evidence" : `no point was kept aside; ${mm(after.rms_mm)} on the points of the fit itself`], evidence()];
-  return [[`Error at identification (${which})`, mm(after.rms_mm), `rms; nominal robot ${mm(before.rms_mm)}${doubted}`], ["Largest error", mm(after.max_mm), `nominal robot ${mm(before.max_mm)}`], evidence(`${count(n)} points checked`)];
+  return [[`Error at identification (${which})`, mm(after.rms_mm), `rms; nominal robot ${mm(before.rms_mm)}${doubted}`], ["Largest error", mm(after.max_mm), `of the held-out points; nominal robot ${mm(before.max_mm)}`], evidence(`${count(n)} points checked`)];
 }
 
-function known(stand, trend, now) {
+function known({ stand, trend, now }) {
   const { active, newest, drift } = stand;
   if (!newest) return [];
   return facts([
-    ["Active set", active ? `released ${age(active.released_at)}` : "none", active ? when(active.released_at) : "the newest result waits for its release"],
+    ["Active set", active ? `released ${age(active.released_at)}` : "none", active ? when(active.released_at) : now?.need === "review" ? now.reason : "the newest result waits for its release"],
     ...errorFacts(stand, now),
     drift && ["Drift", mm(drift.mean_mm), `from the active set to the newest, at the tool on average; at most ${mm(drift.max_mm)}${beyondChance(drift.sessions)}`],
     active && ["Next calibration", trend.days_to_limit === null ? "cannot be said yet" : `in ${Math.round(trend.days_to_limit)} d`, capital(plain(trend.detail))],
@@ -166,18 +207,18 @@ function known(stand, trend, now) {
 }
 
 /** What to do next with a robot that has a result. */
-function guide(robot, stand, { now, sets, may, signal }) {
+function guide({ robot, stand, now, sets, may, signal }) {
   if (robot.archived_at || robot.state === "check_robot" || !stand.newest) return [];
   const { active, newest, since, lastJob, lastSession } = stand;
   const link = (kind, href, words) => el(kind, { href }, words);
   const card = (said, ...links) => el("section.card.next", { "aria-label": "What to do next" }, el("h2", {}, "What to do next"), el("p", {}, said), el("div.actions", {}, links));
   const verify = (set, kind = "a.button") => link(kind, verifyPage(robot, set), "Verify with another session");
-  if (lastJob && ["queued", "running"].includes(lastJob.status)) return card("A job of this robot is running.", link("a.button.primary", `#/jobs/${lastJob.id}`, "Watch it"));
+  if (isRunning(lastJob)) return card("A job of this robot is running.", link("a.button.primary", `#/jobs/${lastJob.id}`, "Watch it"));
   const review = since ?? (active ? null : newest);
   const found = lastSession && foundAgainst(lastSession.report);
   if (active && now?.need === "drifted") return card(`The newest session speaks against the active set. ${capital(now.reason)}. The cell runs this set until another one is released, or it is withdrawn.`, since && link("a.button.primary", `#/jobs/${since.job_id}`, "Review the newer result"), link(since ? "a.button" : "a.button.primary", `#/jobs/${now.need_job_id}`, "Look at that session"),
     verify(active), may("identify") && link("a.button", `#/robots/${robot.id}/upload`, "Calibrate anew"), may("release") && link("a.button", `#/jobs/${active.job_id}`, "Withdraw the set"));
-  if (review) return card([active ? "A newer result waits for a review: release it, or keep the active set. " : "The newest result waits for a review. ", found && !active ? `A later session speaks against it: ${found}. ` : "", releasable(review, sets, now, signal)], link("a.button.primary", `#/jobs/${review.job_id}`, "Review the result"), verify(review));
+  if (review) return card([active ? "A newer result waits for a review: release it, or keep the active set. " : now?.newest?.refused_by ? `${capital(now.reason)}. ` : "The newest result waits for a review. ", found && !active ? `A later session speaks against it: ${found}. ` : "", releasable(review, sets, now, signal)], link("a.button.primary", `#/jobs/${review.job_id}`, "Review the result"), verify(review));
   if (!lastSession) return card("The active set was not verified by another session yet. Measure some 20 to 30 other poses: only that shows a wrong tool, base or scale.", verify(active, "a.button.primary"), link("a.button", `#/robots/${robot.id}/plan`, "Plan the poses to measure"));
   return card("The active set is in force, and the newest session agrees with it. Verify it with a short session from time to time.", link("a.button.primary", `#/robots/${robot.id}/correct`, "Correct a program"), verify(active));
 }
@@ -185,7 +226,12 @@ function guide(robot, stand, { now, sets, may, signal }) {
 /** Whether a release would be accepted, by the gates. Large sets take them long, so of these only what stored facts decide is told, as in the list. */
 function releasable(set, sets, now, signal) {
   const said = el("span", {}, "Its page says what a release still asks for.");
-  const tell = (isAccepted, gates) => fill(said, isAccepted ? "A release would be accepted now." : `A release would be refused now${gates.length > 0 ? `: ${gates.map((gate) => gateTitle({ gate, passed: false }).replace(/^./, (c) => c.toLowerCase())).join("; ")}` : ""}.`);
+  const tell = (isAccepted, gates) => {
+    // the points of the newer result say that the robot is not as the active set has it, as in the list
+    const badge = document.getElementById("drifted");
+    if (badge && now?.active && now.active.id !== set.id && now.need !== "drifted" && gates.includes("change_plausible")) fill(badge, el("a.badge.bad", { href: `#/jobs/${set.job_id}` }, "drifted"));
+    fill(said, isAccepted ? "A release would be accepted now." : `A release would be refused now${gates.length > 0 ? `: ${gates.map((gate) => gateTitle({ gate, passed: false }).replace(/^./, (c) => c.toLowerCase())).join("; ")}` : ""}.`);
+  };
   if (now?.newest?.id === set.id && now.newest.refused_by) tell(false, [now.newest.refused_by]);
   if (sets.every(({ n_points: n }) => n <= SOON_JUDGED)) get(`/v1/parameter-sets/${set.id}/gates`, signal).then((found) => tell(found.releasable, found.gates.filter((gate) => !gate.passed).map(({ gate }) => gate)), () => { /* its page says so, too */ });
   return said;
@@ -233,12 +279,14 @@ export function decisions(set, limit = Infinity) {
   return [told("Released", set.released_at, set.released_by_name ?? set.released_by, set.release_reason), told("Withdrawn", set.withdrawn_at, set.withdrawn_by_name ?? set.withdrawn_by, set.withdraw_reason)].filter(Boolean);
 }
 
-function parameterSets(entries, frames) {
+function parameterSets({ entries, jobs, sets }) {
+  const frames = framesOf(jobs, sets);
+  const rms = (set, report) => jobs.find((job) => job.id === set.job_id)?.rms_mm ?? best(report).after.rms_mm;
   const columns = [
     ["Identified", ({ set }) => el("a", { href: `#/jobs/${set.job_id}` }, when(set.created_at))],
     ["State", ({ set }) => [statusBadge(set.status), decided(set)]],
     ["Moved", ({ set, report }) => moved(report, frames.get(set.job_id)), "name"],
-    ["Error, rms", ({ report }) => (report.verify && report.evidence !== "none" ? [mm(best(report).after.rms_mm), el("small.quiet", {}, `nominal ${error(best(report).before.rms_mm)}`)] : ["not verified", el("small.quiet", {}, report.verify ? "no evidence" : `fit itself ${error(best(report).after.rms_mm)}`)]), "n"],
+    ["Error, rms", ({ set, report }) => (report.verify && report.evidence !== "none" ? [mm(rms(set, report)), el("small.quiet", {}, `nominal ${error(best(report).before.rms_mm)}`)] : ["not verified", el("small.quiet", {}, report.verify ? "no evidence" : `fit itself ${error(best(report).after.rms_mm)}`)]), "n"],
     ["Evidence", ({ report }) => EVIDENCE[report.evidence]?.[0] ?? report.evidence],
     ["Parameters", ({ set }) => saveButton("Download", `/v1/parameter-sets/${set.id}`, set.id, ".json", `Download the parameter set of ${when(set.created_at)}`)],
   ];

@@ -1,9 +1,11 @@
 // All robots and their states.
 
-import { each, get, list } from "./api.js";
-import { el, fill, problem, table } from "./dom.js";
+import { get, list } from "./api.js";
+import { el, fill, problem, table, withFocus } from "./dom.js";
 import { age, capital, error, EVIDENCE, gateTitle, mm, signed, when } from "./format.js";
+import { hasDrifted, isNewer, learn, noFacts, refusals } from "./list_facts.js";
 import { newRobot } from "./new_robot.js";
+import { isRunning } from "./polling.js";
 
 /** Robots that are shown at first, and how many more each click shows. */
 const [FIRST, MORE] = [20, 100];
@@ -24,7 +26,6 @@ const URGENCY = Object.keys(NEEDS);
 /** The first of them are reasons why a robot needs somebody. */
 const REASONS = URGENCY.indexOf("due") + 1;
 const isUrgent = (robot) => !["nothing", "calibrate"].includes(robot.need);
-const isRunning = (job) => job !== undefined && ["queued", "running"].includes(job.status);
 const measured = (robot) => robot.active ?? robot.newest;
 
 /** Whether the newest session does not fit; the list of robots does not have its error. */
@@ -44,12 +45,24 @@ function errorOf(robot, { checks: known }) {
 
 /** Ways to sort: the key, the words, and the value of a robot. */
 const SORTS = [
-  ["need", "what needs you first", (r) => URGENCY.indexOf(r.need)],
+  ["need", "what needs you first", (r, state) => severity(r, state)],
   ["name", "name", (r) => r.name.toLowerCase()],
   ["error", "error, largest first", (r, state) => -(errorOf(r, state)?.mm ?? -1)],
   ["released", "release, oldest first", (r) => r.active?.released_at ?? "9"],
   ["job", "last job, newest first", (r) => -Date.parse(r.last_job?.created_at ?? 0)],
 ];
+
+/** From what is wrong in production to what needs nobody: a newer result than the active set, and one that a release refuses, before other results that wait. */
+const RANKS = ["check_robot", "drifted", "job_failed", "newer", "refused", "review", "due", "calibrate", "nothing"];
+/** No figure counts as more, mm. */
+const MOST_MM = 1e5;
+
+/** How severe it is; among robots of one rank the larger figure comes first. */
+function severity(robot, state) {
+  const rank = hasDrifted(robot, state) && robot.need !== "check_robot" ? "drifted" : robot.need !== "review" ? robot.need : isNewer(robot) ? "newer" : isRefused(robot, state) ? "refused" : "review";
+  const size = ["check_robot", "drifted", "newer", "refused"].includes(rank) ? Math.max(state.drifts.get(robot.robot_id)?.mean_mm ?? 0, errorOf(robot, state)?.mm ?? 0) : 0;
+  return RANKS.indexOf(rank) * 10 * MOST_MM - Math.min(size, MOST_MM);
+}
 
 const robotsOf = (query, signal) => list(`/v1/overview${query}`, MAX_ROBOTS, signal);
 
@@ -64,7 +77,7 @@ export async function robotsPage({ main, signal, may, why, query, keep }) {
   document.title = "kincal: robots";
   const [inUse, { total: nArchived }] = await Promise.all([robotsOf("", signal), get("/v1/overview?archived=true&limit=1", signal)]);
   const known = (name, values, usual) => (values.includes(query.get(name)) ? query.get(name) : usual);
-  const state = { search: query.get("find") ?? "", filter: known("show", ["urgent", "refused", "running", ...URGENCY], "all"), sort: known("sort", SORTS.map(([key]) => key), "need"), shown: FIRST, drifts: new Map(), checks: new Map() };
+  const state = { search: query.get("find") ?? "", filter: known("show", ["urgent", "refused", "running", ...URGENCY], "all"), sort: known("sort", SORTS.map(([key]) => key), "need"), shown: FIRST, ...noFacts() };
   const isOfArchive = query.get("show") === "archived" && nArchived > 0;
   let robots = isOfArchive ? await robotsOf("?archived=true", signal) : inUse;
   const count = el("p.quiet", {});
@@ -73,16 +86,15 @@ export async function robotsPage({ main, signal, may, why, query, keep }) {
     const words = state.search.toLowerCase().split(/\s+/).filter(Boolean);
     const found = robots.filter((r) => words.every((word) => `${r.name} ${r.serial_number ?? ""}`.toLowerCase().includes(word)));
     fill(chips, robots === inUse && filters(found, state, draw), nArchived > 0 && el("button.chip", { type: "button", "aria-pressed": String(robots !== inUse), click: swap }, "Archived", el("b", {}, nArchived)));
-    const kept = sorted(found.filter((r) => passes(r, state.filter)), state);
+    const kept = sorted(found.filter((r) => passes(r, state)), state);
     keep({ find: state.search, show: robots === inUse ? state.filter !== "all" && state.filter : "archived", sort: state.sort !== "need" && state.sort });
     fill(count, counted(kept, robots));
     const page = kept.slice(0, state.shown);
-    fill(rows, robotTable(page, state, robots.length > 0 ? noneOf(state) : nArchived > 0 ? "Every robot is archived." : "There is no robot yet."));
+    fill(rows, robotTable(page, state, robots.length > 0 ? noneOf(state, found.length) : nArchived > 0 ? "Every robot is archived." : "There is no robot yet."));
     fill(more, kept.length > 0 && el("span.note", { role: "status" }, `${page.length} of ${kept.length}${kept.length < robots.length ? ` that match, of ${robots.length} robots` : kept.length === 1 ? " robot" : " robots"}${robots === inUse ? "" : ", archived"}`),
       kept.length > page.length && el("button", { type: "button", click: () => { state.shown += MORE; draw(); } }, "Show more"));
-    drifts(page, state, signal, rows);
-    // the order by errors needs those of all sessions that do not fit
-    checks(state.sort === "error" ? kept : page, state, signal, rows).then((isNews) => isNews && state.sort === "error" && draw());
+    // what comes later may change the order and the counts; an archived robot asks for nothing
+    if (robots === inUse) learn(robots, state, signal, (robot) => update(robot, state, rows)).then((isNews) => isNews && !signal.aborted && withFocus(rows.parentElement, draw));
   };
   // archived robots are fetched once somebody asks for them
   const swap = async () => {
@@ -117,12 +129,14 @@ function counted(shown, robots) {
 }
 
 /** Why the list is empty. */
-const noneOf = ({ search, filter }) => `No robot matches${search.trim() ? ` "${search.trim()}"` : ""}${filter === "all" ? "" : " with this filter: choose All to see the others"}.`;
+const noneOf = ({ search, filter }, nFound) => `No robot matches${search.trim() ? ` "${search.trim()}"` : ""}${filter === "all" || nFound === 0 ? "" : " with this filter: choose All to see the others"}.`;
 
-/** Whether stored facts refuse the release of the newest result. */
-const isRefused = (robot) => Boolean(refusalOf(robot));
+/** Whether a release of the newest result would be refused. */
+const isRefused = (robot, state) => refusals(robot, state).length > 0;
 
-const passes = (robot, filter) => filter === "all" || (filter === "refused" ? isRefused(robot) : (filter === "urgent" ? isUrgent(robot) : filter === "running" ? isRunning(robot.last_job) : robot.need === filter));
+/** What the filters that are no need let through. */
+const FILTERS = { all: () => true, refused: isRefused, urgent: isUrgent, running: (robot) => isRunning(robot.last_job), drifted: hasDrifted };
+const passes = (robot, state, filter = state.filter) => FILTERS[filter]?.(robot, state) ?? robot.need === filter;
 
 function sorted(robots, state) {
   const value = SORTS.find(([known]) => known === state.sort)[2];
@@ -133,7 +147,7 @@ function sorted(robots, state) {
 /** How many robots need what; each is a filter. */
 function filters(found, state, draw) {
   const chip = (key, words, kind) => {
-    const n = found.filter((r) => passes(r, key)).length;
+    const n = found.filter((r) => passes(r, state, key)).length;
     if (n === 0 && key !== state.filter && key !== "all") return false;
     const press = () => { Object.assign(state, { filter: state.filter === key ? "all" : key, shown: FIRST }); draw(); document.querySelector(".chips [aria-pressed=true]")?.focus(); };
     return el(kind ? `button.chip.${kind}` : "button.chip", { type: "button", "aria-pressed": String(state.filter === key), click: press }, words, el("b", {}, n));
@@ -142,41 +156,21 @@ function filters(found, state, draw) {
   return [chip("all", "All"), chip("urgent", "Needs you"), ...needs.slice(0, REASONS), chip("refused", "Release refused", "bad"), chip("running", "Calibrating"), ...needs.slice(REASONS)];
 }
 
-/** The drift of robots with a newer result, as the service computes it: for those in sight only, because each is some work. */
-async function drifts(page, state, signal, rows) {
-  const open = page.filter((r) => isNewer(r) && !state.drifts.has(r.robot_id));
-  for (const robot of open) state.drifts.set(robot.robot_id, null);
-  await each(open, async (robot) => {
-    const found = await get(`/v1/parameter-sets/${robot.newest.id}/compare?with=${robot.active.id}`, signal).catch(() => undefined);
-    state.drifts.set(robot.robot_id, found);
-    const cell = rows.querySelector(`[data-drift="${robot.robot_id}"]`);
-    if (cell) fill(cell, driftCell(robot, state));
-  }, 2);
-}
-
-/** Misfit of the sessions that do not fit, where the overview does not have it; whether any of them was not known before. */
-async function checks(page, state, signal, rows) {
-  const open = page.filter((r) => r.need === "check_robot" && r.need_job_id && !state.checks.has(r.robot_id));
-  for (const robot of open) state.checks.set(robot.robot_id, null);
-  await each(open, async (robot) => {
-    const job = await get(`/v1/jobs/${robot.need_job_id}`, signal).catch(() => ({}));
-    const set = job.measurement_set_id && await get(`/v1/measurement-sets/${job.measurement_set_id}`, signal).catch(() => undefined);
-    state.checks.set(robot.robot_id, { ...job, measured_at: set?.record?.measured_at });
-    const place = rows.querySelector(`[data-reason="${robot.robot_id}"]`);
-    if (place) fill(place, reasonOf(robot, state));
-    const error = rows.querySelector(`[data-error="${robot.robot_id}"]`);
-    if (error) fill(error, errorCell(robot, state));
-  }, 2);
-  return open.length > 0;
+/** Shows what came of one robot in its row. */
+function update(robot, state, rows) {
+  const put = (name, content) => { const place = rows.querySelector(`[data-${name}="${robot.robot_id}"]`); if (place) fill(place, content(robot, state)); };
+  put("drift", driftCell);
+  put("reason", reasonOf);
+  put("error", errorCell);
 }
 
 /** Why a robot is as it is, in one sentence. */
-function reasonOf(robot, { checks: known }) {
-  const check = robot.need === "check_robot" && known.get(robot.robot_id);
+function reasonOf(robot, state) {
+  const check = robot.need === "check_robot" && state.checks.get(robot.robot_id);
+  const apart = robot.need !== "drifted" && hasDrifted(robot, state) && state.drifts.get(robot.robot_id)?.mean_mm;
+  if (apart) return `A newer result puts the tool ${mm(apart)} from where the active set has it`;
   return typeof check?.rms_mm !== "number" ? capital(robot.reason) : `The session of ${when(check.measured_at ?? check.created_at)} misses by ${mm(check.rms_mm)} rms; no release until one fits`;
 }
-
-const isNewer = ({ active, newest }) => active !== undefined && newest !== undefined && newest.id !== active.id && newest.created_at > active.created_at;
 
 /** How far the newer set is from the active one; without a newer one, by how much the error of the active set has grown. */
 function driftCell(robot, { drifts: known }) {
@@ -189,29 +183,24 @@ function driftCell(robot, { drifts: known }) {
 }
 
 /** State of a robot, as badges; with a link to the job that shows it. */
-export function standing(robot) {
+export function standing(robot, state = noFacts()) {
   const [words, kind] = NEEDS[robot.need] ?? [robot.need, "wait"];
   const text = robot.need === "review" && robot.active ? `newer ${words}` : words;
   const runs = isRunning(robot.last_job);
   const badge = (said, color, id) => el([id ? "a" : "span", "badge", color].filter(Boolean).join("."), { href: id && `#/jobs/${id}` }, said);
-  return [runs && badge("calibrating", "wait", robot.last_job.id), runs && " ", !(runs && robot.need === "calibrate") && badge(text, kind, isUrgent(robot) && robot.need_job_id)];
+  const drifted = robot.need !== "drifted" && hasDrifted(robot, state);
+  return [drifted && [badge(...NEEDS.drifted.slice(0, 2), robot.newest.job_id), " "], runs && badge("calibrating", "wait", robot.last_job.id), runs && " ", !(runs && robot.need === "calibrate") && badge(text, kind, isUrgent(robot) && robot.need_job_id)];
 }
 
-/** The first stored fact that refuses a release of the newest result; nothing where none is known or no result waits. */
-function refusalOf({ need, newest, active }) {
-  const isOlder = active !== undefined && newest !== undefined && newest.created_at < active.created_at;
-  return newest?.status !== "candidate" || need === "check_robot" || isOlder ? undefined : newest.refused_by;
-}
-
-function releaseOf(robot) {
-  const refused = isRefused(robot) && gateTitle({ gate: refusalOf(robot), passed: false });
-  return Boolean(refused) && el("small.quiet", {}, el("strong", {}, "Release refused"), `: ${refused.replace(/^./, (c) => c.toLowerCase())}`);
+function releaseOf(robot, state) {
+  const [gate] = refusals(robot, state);
+  return gate !== undefined && el("small.quiet", {}, el("strong", {}, "Release refused"), `: ${gateTitle({ gate, passed: false }).replace(/^./, (c) => c.toLowerCase())}`);
 }
 
 function badges(robot, state) {
   const reason = reasonOf(robot, state);
   const isLinked = robot.need_job_id && isUrgent(robot);
-  return [standing(robot), reason && !(isRunning(robot.last_job) && !isLinked) && el(isLinked ? "small" : "small.quiet", {}, el(isLinked ? "a" : "span", { href: isLinked && `#/jobs/${robot.need_job_id}`, "data-reason": robot.robot_id }, reason)), releaseOf(robot)];
+  return [standing(robot, state), reason && !(isRunning(robot.last_job) && !isLinked) && el(isLinked ? "small" : "small.quiet", {}, el(isLinked ? "a" : "span", { href: isLinked && `#/jobs/${robot.need_job_id}`, "data-reason": robot.robot_id }, reason)), releaseOf(robot, state)];
 }
 
 function errorCell(robot, state) {
@@ -223,16 +212,19 @@ function errorCell(robot, state) {
 /** How the newest job ended, and what it found. */
 const ended = ({ need, need_job_id: id, last_job: job }) => (job.id !== id ? job.status : need === "check_robot" ? "does not fit" : need === "drifted" ? "speaks against the set" : job.status);
 
+/** Whether the newest job identified what does not fit. */
+const hasMisfit = ({ newest, last_job: job }) => newest?.job_id === job.id && newest.refused_by === "fits";
+
 function robotTable(robots, state, empty) {
   const columns = [
     ["Robot", (r) => [el("a", { href: `#/robots/${r.robot_id}` }, r.name), r.serial_number && el("small.quiet", {}, r.serial_number)], "name"],
     ["State", (r) => badges(r, state), "name"],
     ["Active set", ({ active }) => (active ? el("span", { title: when(active.released_at) }, age(active.released_at)) : "none")],
     ["Error, rms", (r) => (measured(r) ? el("span", { "data-error": r.robot_id }, errorCell(r, state)) : "–"), "n"],
-    ["Drift", (r) => el("span", { "data-drift": r.robot_id }, driftCell(r, state)), "n"],
-    ["Last job", (r) => (r.last_job ? [el("a", { href: `#/jobs/${r.last_job.id}` }, ended(r)), el("small.quiet", {}, age(r.last_job.finished_at ?? r.last_job.created_at))] : "–")],
+    ["Drift", (r) => (isNewer(r) ? el("span", { "data-drift": r.robot_id }, driftCell(r, state)) : driftCell(r, state)), "n"],
+    ["Last job", (r) => (r.last_job ? [el("a", { href: `#/jobs/${r.last_job.id}` }, hasMisfit(r) ? "does not fit" : ended(r)), el("small.quiet", {}, age(r.last_job.finished_at ?? r.last_job.created_at))] : "–")],
   ];
-  const caption = "Error: of the newest session, else of the active or the newest set on points that were not fitted; below it where these points come from. Drift: how far a newer result puts the tool from the active one, on average over the workspace; without a newer result, how much the error has grown since the active set was identified. Release: by what is stored; the page of a result asks all gates.";
+  const caption = "Error: of the newest session, else of the active or the newest set on points that were not fitted; below it where these points come from. Drift: how far a newer result puts the tool from the active one, on average over the workspace; without a newer result, how much the error has grown since the active set was identified. Release: what would refuse it now.";
   return table(caption, columns, robots, empty);
 }
 

@@ -22,6 +22,9 @@ export const nPoints = (sets) => sets.reduce((sum, set) => sum + set.n_points, 0
 /** Names and points of the sets, in words. */
 export const setsInWords = (sets) => sets.map((set) => `${set.name ?? "a set without a name"} (${count(set.n_points)} points)`).join(", ");
 
+/** How the rotations of a set of poses were read, a part of a sentence each. */
+export const rotationsOf = ({ rotation, inverse_poses: isInverted }) => [rotation && `rotations read as ${rotation}`, isInverted && "poses inverted, as of a board that a camera on the arm sees"].filter(Boolean);
+
 /** The sets of a job in a list: the name of the first, and how many sessions more. */
 export function setsOfJob(job) {
   const more = setIds(job).length - 1;

@@ -15,7 +15,7 @@ function exports(set) {
 export function files(job, sets, parameterSet, residuals) {
   const reportPage = `/v1/jobs/${job.id}/report.html`;
   const group = (title, note, ...buttons) => el("div.group", {}, el("h3", {}, title), el("p.note", {}, note), el("div.actions", {}, buttons));
-  return el("section.card", { id: "exports" }, el("h2", {}, "Export: take it along"), el("div.groups", {},
+  return el("section.card", { id: "exports", tabindex: -1, "aria-label": "Export: take it along" }, el("h2", {}, "Export: take it along"), el("div.groups", {},
     group("Report", "To print or to keep in a quality file; the browser's print dialogue makes a PDF of it.", el("a.button", { href: reportPage, target: "_blank", rel: "noopener" }, "Report to print"), saveButton("Report as JSON", `/v1/jobs/${job.id}/report`, `report-${job.id}`, ".json")),
     parameterSet && group("Parameters", "Links, base and reflectors as they were identified. Corrections stand in JSON and YAML only. Joint offsets are for controllers that take nothing else.", saveButton("Parameters", `/v1/parameter-sets/${parameterSet.id}`, parameterSet.id, ".json"), exports(parameterSet)),
     group("Points", sets.length > 1 ? "The files as they were uploaded, and what remains of every point." : "The file as it was uploaded, and what remains of every point.", sets.map((set, i) => savePoints(sets.length > 1 ? `Measured points ${i + 1}` : "Measured points", set)), el("button", { type: "button", click: residuals }, "Residuals as CSV")),

@@ -1,14 +1,16 @@
 // Uploads measured points, and posts a calibration or a verification with them.
 
 import { post } from "./api.js";
-import { askColumns, isAboutColumns, saidBefore, understoodDetails } from "./columns.js";
+import { askColumns, isAboutColumns, saidBefore, understoodDetails, withChoices } from "./columns.js";
 import { rowsOf } from "./csv.js";
 import { brief, el, fill, problem, say, table, warning } from "./dom.js";
 import { capital, plain, when } from "./format.js";
 import { jobForm } from "./job_form.js";
 import { posesOf } from "./poses.js";
 import { referenceChoice } from "./references.js";
+import { equallyGood } from "./joint_maps.js";
 import { asksForChoice, inPageWords, remedies } from "./remedies.js";
+import { sheetsIn, twoSheets } from "./sheets.js";
 import { SUSPICIONS } from "./words.js";
 
 /** Rows of the file that are shown around its faults. */
@@ -81,13 +83,13 @@ const DECIMALS = [["", "as the file shows"], ["point", "12.5, with a point"], ["
 
 /** What is known of the measurement beside the file. */
 function statedForm(robot, frames) {
-  const serial = el("input", { id: "stated-serial", type: "text", maxlength: 200, autocomplete: "off", placeholder: "on the type plate", value: robot.serial_number });
+  const serial = el("input", { id: "stated-serial", type: "text", maxlength: 200, autocomplete: "off", placeholder: "on the type plate" });
   const pick = (id, options) => el("select", { id }, options.map(([value, words]) => el("option", { value }, words)));
   const [rotation, decimal] = [rotationChoice(), pick("stated-decimal", DECIMALS)];
   // the board's frame is the instrument's
   const board = el("input", { id: "stated-board", type: "checkbox", change: () => { if (board.checked) { frames.querySelector("[value=instrument]").checked = true; frames.dispatchEvent(new Event("change")); } } });
   const field = (input, label) => el("div", {}, el("label", { for: input.id }, label), input);
-  const why = robot.serial_number ? "Compare it with the type plate of the robot that was measured. Sent with the file, it refuses a file of another robot, and a release knows that it is the same one." : "This robot has none yet: store it under Name, at the end of this page, so that a file of another robot is refused.";
+  const why = robot.serial_number ? "Read it off the type plate of the robot that was measured: this page does not know which one that was. With it a file of another robot is refused, and a release knows that it is the same one." : "This robot has none yet: store it under Name, at the end of this page, so that a file of another robot is refused.";
   const node = el("div", {}, el("div.fields.stated", {}, field(serial, "Serial number of the measured robot"), el("p.note", {}, why)),
     el("details", {}, el("summary", {}, "How the file is written: rotations, decimal mark"), el("p.note", {}, "Angles are asked for where the table has rx, ry and rz of a 6D target. KUKA's C, B and A turn about the fixed x, y and z, too."), el("div.fields", {}, field(rotation, "Angles rx, ry, rz of a pose"), field(decimal, "Decimal mark of a table")), el("label.choice", {}, board, "A camera on the arm sees a fixed board: the file has the board's poses, with rotations")));
   const read = () => Object.fromEntries([["serial_number", serial.value.trim()], ["rotation", rotation.value], ["decimal", decimal.value], ["inverse_poses", board.checked ? "true" : ""]].filter(([, value]) => value !== ""));
@@ -137,7 +139,7 @@ export function pair(robotFile, instrumentFile) {
   const boundary = `kincal-${Array.from(crypto.getRandomValues(new Uint8Array(16)), (byte) => byte.toString(16).padStart(2, "0")).join("")}`;
   const head = (part) => `--${boundary}\r\nContent-Disposition: form-data; name="${part}"\r\n\r\n`;
   const body = new Blob([head("robot"), robotFile, "\r\n", head("instrument"), instrumentFile, `\r\n--${boundary}--\r\n`]);
-  return { name: robotFile.name, body, type: `multipart/form-data; boundary=${boundary}`, isJson: false, text: null };
+  return { name: robotFile.name, body, type: `multipart/form-data; boundary=${boundary}`, isJson: false, text: null, parts: 2 };
 }
 
 /** Asks which of two files is the robot's. */
@@ -171,22 +173,24 @@ async function upload(context, file, query, out, isTried = false) {
     if (isTried && query.columns && !SUSPICIONS.includes(error.code) && !asksForChoice(error)) return upload(context, file, { ...query, columns: "" }, out, true);
     const text = isJson || !file.text ? "" : await textOf(file.text);
     const columns = el("div", {});
-    const retry = ({ stated, ...more }) => () => {
+    const retry = ({ stated, sheets = file.sheets, ...more }) => () => {
       out.focus();
       if (more.frame) context.framed?.(more.frame);
-      upload(context, { ...file, stated: { ...file.stated, ...stated } }, { ...query, ...more }, out, !stated && (isTried || Boolean(more.columns)));
+      upload(context, { ...file, sheets, stated: withChoices(file.stated ?? {}, stated ?? {}) }, { ...query, ...more }, out, !stated && (isTried || Boolean(more.columns)));
     };
-    fill(out, refused(error, file, text), columns, remedies(error, { robot, file, query, retry }));
+    const asPair = (sheets) => { out.focus(); upload(context, { ...pair(file.body, file.body), stated: sheets }, { ...query, columns: "" }, out); };
+    const isOneSheet = !file.parts && file.sheets?.length > 1 && sheetsIn(error.errors).sheets.length === 0;
+    fill(out, refused(error, file, text), columns, remedies(error, { robot, file, query, retry, asPair }), isOneSheet && twoSheets(file.sheets, { asPair }));
     if (!isJson && isAboutColumns(error) && !asksForChoice(error)) {
       const read = (chosen) => retry({ columns: JSON.stringify(chosen) })();
       // the choice of the columns says what is missing; without a preview the refusal stays
-      if (await askColumns(robot, file, query.decimal, columns, read).catch(() => false)) out.replaceChildren(columns);
+      if (await askColumns(robot, file, query.decimal, columns, read).catch(() => false)) out.replaceChildren(...[columns, isOneSheet && twoSheets(file.sheets, { asPair })].filter(Boolean));
     }
   }
 }
 
 /** A mapping of columns with the sheet and the separator that were chosen. */
-const withStated = (columns, stated) => (Object.keys(stated ?? {}).length > 0 ? JSON.stringify({ ...columns ? JSON.parse(columns) : {}, ...stated }) : columns ?? "");
+const withStated = (columns, stated) => (Object.keys(stated ?? {}).length > 0 ? JSON.stringify(withChoices(columns ? JSON.parse(columns) : {}, stated)) : columns ?? "");
 
 /** The file as text, to show its faults in; none where it is not UTF-8, or has changed on the disk since it was chosen. */
 async function textOf(file) {
@@ -200,8 +204,10 @@ async function textOf(file) {
 /** Why nothing was stored: faults in rows as a table, what is wrong with the file as a whole as a sentence. */
 function refused(error, file, text) {
   const errors = (error.errors ?? []).map((issue) => ({ ...issue, detail: inPageWords(issue.detail) }));
-  const inPlaces = errors.some((issue) => issue.row !== undefined || issue.column || issue.pointer);
-  if (!inPlaces) return problem({ ...error, errors: [], detail: errors.length > 0 ? `Nothing was stored: ${errors.map((issue) => plain(issue.detail)).join("; ")}.` : error.detail });
+  const inPlaces = errors.some((issue) => issue.row !== undefined || issue.column || (issue.pointer && !/^\/(robot|instrument)$/.test(issue.pointer)));
+  // none of several explanations that fit equally well is a heading
+  const told = equallyGood(error.errors ?? []).length > 0 ? { ...error, code: undefined, title: "The points fit in more than one way" } : error;
+  if (!inPlaces || told !== error) return problem({ ...told, errors: [], detail: errors.length > 0 ? `Nothing was stored: ${errors.map((issue) => plain(issue.detail)).join("; ")}.` : error.detail });
   return [problem({ ...error, errors: [], detail: `Nothing was stored. ${count(errors.length)} to mend in ${file.name}:` }), faults(errors, text)];
 }
 

@@ -18,8 +18,8 @@ const badge = (words) => words && el("span.badge.bad", {}, words);
 /** The badge of a report that found something; otherwise undefined. */
 export const foundBadge = (report) => badge(foundAgainst(report));
 
-/** The badge of a verification or check that found something; otherwise undefined. */
-export const findingBadge = (job) => (job.kind === "identify" ? undefined : badge(job.kind === "check" && job.finding === "set_far_off" ? "has changed" : FINDINGS[job.finding]));
+/** The badge of a job that found something against a set or its own points; otherwise undefined. An identified set that is far off does not fit its own points. */
+export const findingBadge = (job) => badge(job.kind === "check" && job.finding === "set_far_off" ? "has changed" : FINDINGS[job.kind === "identify" && job.finding === "set_far_off" ? "does_not_fit" : job.finding]);
 
 /** An error and that of the nominal robot beside it. */
 export const figureOf = (after, before) => (typeof after === "number" ? [mm(after), typeof before === "number" && el("small.quiet", {}, `nominal ${error(before)}`)] : "–");

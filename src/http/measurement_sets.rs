@@ -14,7 +14,9 @@ use crate::operations::rotation_convention::with_best_convention;
 use crate::release::{AcceptedMisfit, accept_rotations};
 use crate::store::{MeasurementSetRow, NewMeasurementSet, Tx, measurement_sets};
 use crate::wire::columns::ColumnsBody;
-use crate::wire::content_type::{DECIMAL_COMMA, rotation_convention, with_rotation};
+use crate::wire::content_type::{
+    DECIMAL_COMMA, declared_rotation, rotation_convention, with_rotation,
+};
 use crate::wire::instrument::InstrumentBody;
 use crate::wire::issue::Checker;
 use crate::wire::measurement::{
@@ -433,6 +435,9 @@ impl TryFrom<&MeasurementSetRow> for SetSummary {
             instrument: reading.instrument,
             reference: reading.reference,
             record: reading.record,
+            serial_number: row.serial_number.clone(),
+            rotation: declared_rotation(&row.content_type).map(|found| found.to_string()),
+            inverse_poses: reading.inverse_poses,
             archived_at: row.archived_at_ms.map(rfc3339),
         })
     }

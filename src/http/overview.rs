@@ -119,7 +119,7 @@ fn robot(
     refused_by: Option<String>,
 ) -> Result<RobotOverview, Error> {
     let Document { serial_number } = serde_json::from_str(&row.body_json)?;
-    let facts = facts(&row, days_to_limit);
+    let facts = facts(&row, days_to_limit, refused_by.clone());
     let (need, reason) = need(&facts);
     let need_job_id = match need {
         Need::CheckRobot => row.check_job_id.clone(),
@@ -150,6 +150,7 @@ fn robot(
             after_rms_mm: row.active_after_rms_mm,
             evidence: row.active_evidence,
             refused_by: None,
+            n_points: None,
         });
     let newest = row.newest_id.zip(row.newest_job_id).zip(row.newest_status);
     let newest = newest.map(|((id, job_id), status)| SetOverview {
@@ -162,6 +163,7 @@ fn robot(
         after_rms_mm: row.newest_after_rms_mm,
         evidence: row.newest_evidence,
         refused_by,
+        n_points: row.newest_n_points,
     });
     let last_job = row.job_id.zip(row.job_kind).zip(row.job_status);
     let last_job = last_job.map(|((id, kind), status)| JobOverview {
@@ -187,7 +189,11 @@ fn robot(
     })
 }
 
-fn facts(row: &OverviewRow, days_to_limit: Option<f64>) -> NeedFacts {
+fn facts(
+    row: &OverviewRow,
+    days_to_limit: Option<f64>,
+    newest_refused_by: Option<String>,
+) -> NeedFacts {
     NeedFacts {
         must_be_checked: row.check_job_id.is_some(),
         tolerance_mm: row.tolerance_mm,
@@ -201,6 +207,7 @@ fn facts(row: &OverviewRow, days_to_limit: Option<f64>) -> NeedFacts {
         is_worse: row.session_is_worse,
         // An absent set (`None`) counts as older than any other.
         has_newer: row.newest_created_at_ms > row.active_created_at_ms,
+        newest_refused_by,
         last_job: row.job_status,
         days_to_limit,
     }

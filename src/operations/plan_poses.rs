@@ -110,8 +110,12 @@ fn warnings(request: &PosePlanBody, plan: &Plan) -> Vec<Warning> {
         "{n_configurations} different configurations give {} equations, and the parameters have {} independent combinations",
         plan.n_equations, plan.n_combinations
     );
+    // of which the half that is fitted is enough
+    let n_enough = 2 * n_needed;
     if n_configurations < n_needed {
-        let detail = format!("{given}: measure at least {n_needed}, or hold parameters in the job");
+        let detail = format!(
+            "{given}. A job holds out half of the configurations to verify: measure {n_enough} or more, or hold parameters in the job"
+        );
         return warning("under_determined", detail);
     }
     let n_identified =
@@ -119,9 +123,8 @@ fn warnings(request: &PosePlanBody, plan: &Plan) -> Vec<Warning> {
     if n_identified < n_needed {
         let most = 1.0 - n_needed as f64 / n_configurations as f64;
         let detail = format!(
-            "{given}. A job holds out half of the configurations to verify and could not identify from the rest: measure {} or more, or post the job \
+            "{given}. A job holds out half of the configurations to verify and could not identify from the rest: measure {n_enough} or more, or post the job \
              with a verify fraction of at most {:.2}",
-            2 * n_needed,
             (most * 100.0).floor() / 100.0
         );
         return warning("under_determined", detail);

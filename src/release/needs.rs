@@ -34,6 +34,8 @@ pub struct NeedFacts {
     pub is_worse: bool,
     /// A set that is not withdrawn is newer than the released set, or no set is released.
     pub has_newer: bool,
+    /// The gate that refuses the newest set's release by stored facts.
+    pub newest_refused_by: Option<String>,
     /// Status of the newest job.
     pub last_job: Option<JobStatus>,
     /// Days until the error reaches its limit.
@@ -58,12 +60,7 @@ pub fn need(facts: &NeedFacts) -> (Need, String) {
         );
     }
     if facts.has_newer {
-        let reason = if facts.is_released {
-            "a newer result than the released set waits for a decision"
-        } else {
-            "the first result waits for its release"
-        };
-        return (Need::Review, reason.into());
+        return (Need::Review, waiting(facts).into());
     }
     if let Some(days) = facts.days_to_limit.filter(|days| *days <= SOON_DAYS) {
         let when = if days < 1.0 {
@@ -80,6 +77,18 @@ pub fn need(facts: &NeedFacts) -> (Need, String) {
         );
     }
     (Need::Nothing, String::new())
+}
+
+/// What the newest result waits for. One that a release refuses does not wait for its release.
+fn waiting(facts: &NeedFacts) -> &'static str {
+    match (facts.newest_refused_by.as_deref(), facts.is_released) {
+        (None, true) => "a newer result than the released set waits for a decision",
+        (None, false) => "the first result waits for its release",
+        (Some("fits"), true) => "a newer result does not fit the robot; the released set stays",
+        (Some("fits"), false) => "the first result does not fit the robot",
+        (Some(_), true) => "a newer result is not ready to be released",
+        (Some(_), false) => "the first result is not ready to be released",
+    }
 }
 
 fn drift(facts: &NeedFacts) -> Option<String> {
@@ -211,6 +220,14 @@ mod tests {
             ),
             (
                 NeedFacts {
+                    has_newer: true,
+                    newest_refused_by: Some("fits".into()),
+                    ..NeedFacts::default()
+                },
+                Need::Review,
+            ),
+            (
+                NeedFacts {
                     days_to_limit: Some(3.0),
                     ..released()
                 },
@@ -228,6 +245,11 @@ mod tests {
             let (found, reason) = need(&facts);
             assert_eq!(found, expected, "{facts:?}");
             assert_eq!(reason.is_empty(), found == Need::Nothing, "{reason}");
+            let is_refused = facts.newest_refused_by.is_some();
+            assert!(
+                !is_refused || reason == "the first result does not fit the robot",
+                "{reason}"
+            );
         }
     }
 }

@@ -7,6 +7,7 @@ mod axes;
 mod check;
 mod errors;
 mod figures;
+mod load;
 mod quality;
 mod sections;
 mod sessions;
@@ -59,6 +60,7 @@ fn body(sources: &Sources<'_>) -> Markup {
         }
         main {
             (sections::verdict(sources))
+            @if let Some(rows) = load::left_out(sources) { p.note { "Left out of the measured file by hand: " (rows) } }
             (check::quick_check(report))
             (sections::warnings(&report.warnings))
             (sessions::fitted_together(sources))

@@ -2,12 +2,11 @@
 //! signature.
 
 use super::Sources;
+use super::load;
 use super::text::{error, number, time};
-use crate::wire::corrections::PayloadBody;
 use crate::wire::instrument::InstrumentBody;
 use crate::wire::measurement::Frame;
 use crate::wire::reference::ReferenceReport;
-use crate::wire::robot::{MountingBody, NamedMounting};
 use crate::wire::session_record::SessionRecord;
 use maud::{Markup, html};
 
@@ -25,8 +24,9 @@ pub fn statement(sources: &Sources<'_>) -> Markup {
                 div { dt { "Tool" } dd { (tool(sources)) } }
                 div { dt { "Points" } dd { (points(sources)) } }
                 div { dt { "Tolerance" } dd { (tolerance(sources)) } }
-                @if let Some(payload) = payload(sources) { div { dt { "Payload, as stated" } dd { (payload_words(&payload)) } } }
-                @if sources.robot.mounting.is_some() { div { dt { "Mounting, as stated" } dd { (mounting(sources)) } } }
+                div { dt { "Payload" } dd { (load::payload(sources)) } }
+                div { dt { "Mounting" } dd { (load::mounting(sources)) } }
+                @if let Some(rows) = load::left_out(sources) { div { dt { "Left out by hand" } dd { (rows) } } }
             }
         }
     }
@@ -161,34 +161,6 @@ fn tolerance(sources: &Sources<'_>) -> Markup {
     }
 }
 
-fn payload(sources: &Sources<'_>) -> Option<PayloadBody> {
-    sources.job?.request.payload
-}
-
-fn payload_words(payload: &PayloadBody) -> String {
-    let [x, y, z] = payload.centre_mm.map(number);
-    format!(
-        "{} kg, centre at {x}, {y}, {z} mm in the flange frame",
-        number(payload.mass_kg)
-    )
-}
-
-fn mounting(sources: &Sources<'_>) -> String {
-    match sources.robot.mounting {
-        Some(MountingBody::Named(NamedMounting::Floor)) => "on the floor".into(),
-        Some(MountingBody::Named(NamedMounting::Wall)) => "on a wall".into(),
-        Some(MountingBody::Named(NamedMounting::Ceiling)) => "from the ceiling".into(),
-        Some(MountingBody::Direction(direction)) => {
-            let [x, y, z] = direction.gravity_in_base;
-            format!(
-                "gravity along ({x:.3}, {y:.3}, {z:.3}) of the base, known to {}°",
-                number(direction.std_deg)
-            )
-        }
-        None => String::new(),
-    }
-}
-
 /// Fields to be filled in by hand for facts that the service does not know, and the signature of the responsible person.
 pub fn signature(sources: &Sources<'_>) -> Markup {
     let released = sources.parameter_set.and_then(|set| {
@@ -210,7 +182,10 @@ pub fn signature(sources: &Sources<'_>) -> Markup {
             record.instrument_certificate.is_none(),
         ),
         ("Operator", record.operator.is_none()),
-        ("Payload while measuring", payload(sources).is_none()),
+        (
+            "Payload while measuring",
+            load::stated_payload(sources).is_none(),
+        ),
         ("Place and date", true),
         ("Checked by, signature", true),
     ];

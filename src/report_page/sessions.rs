@@ -16,7 +16,7 @@ pub fn sessions(sources: &Sources<'_>) -> Markup {
                 h2 { "Verified on other sessions" }
                 p.note { "The set was scored on points that were measured at another time, which is that of their upload where it does not state one. No link parameter was fitted to them; errors are rms, mm." }
                 table {
-                    thead { tr { th { "Measured" } th { "Job" } th.n { "Points" } th.n { "Nominal robot" } th.n { "This set" } th { "What it shows" } } }
+                    thead { tr { th { "Measured, and the job" } th.n { "Points" } th.n { "Nominal robot" } th.n { "This set" } th { "What it shows" } } }
                     tbody { @for session in sessions { (row(session)) } }
                 }
             }
@@ -113,7 +113,7 @@ fn row(scored: &ScoredSession) -> Markup {
     };
     html! {
         tr {
-            td { (time(&scored.measured_at)) } td { (scored.session.job_id) } td.n { (found.n_points) }
+            td { (time(&scored.measured_at)) span.id { (scored.session.job_id) } } td.n { (found.n_points) }
             td.n { (mm(found.before_rms_mm)) } td.n { (mm(found.after_rms_mm)) (interval) } td { (shows) }
         }
     }

@@ -45,6 +45,7 @@ row! {
         pub newest_evidence: Option<Evidence>,
         pub newest_insisted_on: Option<String>,
         pub newest_has_other_joint_map: bool,
+        pub newest_n_points: Option<i64>,
         pub session_job_id: Option<String>,
         pub session_created_at_ms: Option<i64>,
         pub session_reading_json: Option<String>,
@@ -82,6 +83,9 @@ const LIST: &str = concat!(
         case when coalesce((select v.joint_map_version from job_robot_version k join robot_version v on v.version = k.version
             where k.job_id = n.job_id and v.robot_id = n.robot_id), 1) = r.joint_map_version
             then cast(0 as bigint) else cast(1 as bigint) end as newest_has_other_joint_map,
+        (select cast(sum(m.n_points) as bigint) from measurement_set m where m.id in
+            (select k.measurement_set_id from job k where k.id = n.job_id union select k.measurement_set_id from job_session k where k.job_id = n.job_id))
+            as newest_n_points,
         s.job_id as session_job_id, sj.created_at_ms as session_created_at_ms, s.after_rms_mm as session_rms_mm,
         sm.reading_json as session_reading_json,
         s.after_expanded_mm as session_expanded_mm, s.fit as session_fit, s.before_rms_mm as session_before_rms_mm,

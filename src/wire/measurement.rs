@@ -97,6 +97,15 @@ pub struct SetSummary {
     /// When, by whom and with what the session was measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub record: Option<SessionRecord>,
+    /// Serial number of the measured robot, as the uploader stated it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub serial_number: Option<String>,
+    /// Convention by which the rotations of the table were read, if one was stated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rotation: Option<String>,
+    /// True if the poses were inverted, as the uploader asked.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub inverse_poses: bool,
     /// When it was archived: RFC 3339, UTC.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub archived_at: Option<String>,

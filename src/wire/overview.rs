@@ -56,6 +56,9 @@ pub struct SetOverview {
     /// does. The other gates read points and documents; `GET /v1/parameter-sets/{id}/gates` decides all.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub refused_by: Option<String>,
+    /// Of the newest set: number of points of the uploads that it was identified from. With more of them, its gates take longer.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub n_points: Option<i64>,
 }
 
 /// The newest job of a robot in the overview.

@@ -8,6 +8,7 @@ mod support;
 use support::process;
 
 mod arm;
+mod asked;
 mod browser;
 mod fleet;
 mod hall;
@@ -15,6 +16,7 @@ mod reach;
 mod sessions;
 mod trouble;
 mod walk;
+mod watched;
 #[allow(dead_code)] // other tests write its other kinds
 #[path = "../core/workbooks.rs"]
 mod workbooks;
@@ -98,6 +100,9 @@ fn a_set_is_uploaded_identified_read_released_and_withdrawn() {
             .picture("upload-fault", Picture::Element("#calibrate"))
             .await;
 
+        // somebody read the type plate
+        let serial = browser.find("#stated-serial").await;
+        serial.send_keys("ER20-0117").await.unwrap();
         browser
             .drop_file(".drop", "first_noisy.csv", &with_mark)
             .await;

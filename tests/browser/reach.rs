@@ -185,7 +185,7 @@ fn tools_and_work_frames_are_kept_and_cartesian_targets_corrected() {
         ] {
             let found = browser
                 .run(&format!(
-                    "const {{quaternion}} = await import('/assets/cell.js'); return quaternion('{kind}', {})",
+                    "const {{quaternion}} = await import('/assets/rotations.js'); return quaternion('{kind}', {})",
                     posture[field]
                 ))
                 .await;

@@ -213,7 +213,9 @@ async fn set_ups_share_the_configurations_and_boxes_are_kept_out_of() {
     // 17 different positions can be identified from, but not from half of them; 24 poses can.
     assert!(plan.get("warnings").is_none(), "{}", plan["warnings"]);
     for (n, remedy) in [
-        (5, "measure at least 9"),
+        // one number: with 9 poses a job would be refused, because it holds out half of them
+        (5, "measure 18 or more, or hold parameters"),
+        (14, "measure 18 or more"),
         (14, "a verify fraction of at most 0.35"),
     ] {
         let few = json!({"n_configurations": n, "n_candidates": 500});

@@ -137,6 +137,7 @@ async fn poses_of_a_fixed_board_seen_by_a_carried_camera_are_named_and_taken() {
     );
     let taken = upload(&app, &robot, "&inverse_poses=true", &file).await;
     let set = taken.ok(201);
+    assert_eq!(set["inverse_poses"], true);
     let request = json!({"measurement_set_id": set["id"]});
     let job = app.run(&robot, &request).await;
     let report = format!("/v1/jobs/{}/report", text(&job["id"]));
@@ -236,9 +237,14 @@ async fn angles_need_their_convention_and_the_one_that_fits_is_named() {
         text(&issue["detail"]).contains("rotation=intrinsic_xyz"),
         "{issue}"
     );
-    upload(&app, &robot, "&rotation=intrinsic_xyz", &file)
+    let set = upload(&app, &robot, "&rotation=intrinsic_xyz", &file)
         .await
         .ok(201);
+    assert_eq!(
+        set["rotation"], "intrinsic_xyz",
+        "the set says how it was read"
+    );
+    assert_eq!(set.get("inverse_poses"), None);
     upload(&app, &robot, "&rotation=extrinsic_zyx", &file)
         .await
         .ok(201);

@@ -451,7 +451,7 @@ async fn the_page_says_when_with_what_and_by_whom_the_session_was_measured() {
     assert_eq!(codes, ["wrong_length", "not_a_time"], "{refused}");
 
     let record = "&measured_at=2026-03-01T08:15:30%2B01:00&instrument_name=Leica%20AT960%204711\
-                  &instrument_certificate=C-17,%20until%202027-02&operator=J.%20Doe";
+                  &instrument_certificate=C-17,%20until%202027-02&operator=J.%20Doe&name=first%20without%20row%203:%20slipped";
     let set = upload(record).await.ok(201);
     let stated = json!({
         "measured_at": "2026-03-01T07:15:30.000Z", "instrument_name": "Leica AT960 4711",
@@ -479,6 +479,15 @@ async fn the_page_says_when_with_what_and_by_whom_the_session_was_measured() {
         assert_eq!(blanks.matches("<div>").count(), n_blanks, "{blanks}");
         let words = "2026-03-01 07:15:30 UTC; by J. Doe; with Leica AT960 4711, certificate C-17, until 2027-02";
         assert_eq!(page.contains(words), measured_at.is_some());
+        let left_out = "Left out of the measured file by hand: row 3: slipped";
+        assert_eq!(page.contains(left_out), measured_at.is_some());
+        for (name, value) in [
+            ("Mounting", "not stated: on the floor is assumed"),
+            ("Payload", "not stated"),
+        ] {
+            let line = between(&page, &format!("<dt>{name}</dt>"), "</div>");
+            assert!(line.contains(value), "{name}: {line}");
+        }
     }
     assert_eq!(hashes[0], hashes[1], "the record is no part of the result");
 }
