@@ -17,8 +17,8 @@ pub(super) struct Marks {
     pub hidden: BTreeSet<usize>,
     /// Rows with a cell that is struck through, counted from 0.
     pub struck: BTreeSet<usize>,
-    /// Cells with a formula and no value, as `B7`. Programs that do not compute write them.
-    pub without_value: BTreeSet<String>,
+    /// Cells with a formula of numbers, as `B7`. Programs that do not compute write them without a value.
+    pub formulas: BTreeSet<String>,
 }
 
 /// Refuses a sheet with hidden rows that have cells, and with rows that are struck through.
@@ -109,18 +109,14 @@ pub(super) fn of_xlsx(archive: &mut Archive, sheet: &str) -> Result<Marks, Inval
                 let style = attribute(element, "s").and_then(|style| style.parse::<usize>().ok());
                 cell = Cell {
                     place: attribute(element, "r").unwrap_or_default(),
+                    is_text: attribute(element, "t").is_some_and(|kind| kind != "n"),
                     is_struck: style.is_some_and(|style| struck_styles.contains(&style)),
                     ..Cell::default()
                 };
                 return;
             }
             "f" => cell.is_formula = true,
-            "v" | "is" => {
-                cell.has_value = true;
-                if cell.is_struck {
-                    marks.struck.extend(next.checked_sub(1));
-                }
-            }
+            "v" | "is" if cell.is_struck => marks.struck.extend(next.checked_sub(1)),
             _ => {}
         }
         if name.as_ref() != "row" {
@@ -156,15 +152,16 @@ struct Cell {
     place: String,
     is_struck: bool,
     is_formula: bool,
-    has_value: bool,
+    /// Whether its value is a text, which may be empty.
+    is_text: bool,
 }
 
 impl Cell {
     /// The cell ends.
     fn end(&mut self, marks: &mut Marks) {
         let cell = std::mem::take(self);
-        if cell.is_formula && !cell.has_value {
-            marks.without_value.insert(cell.place);
+        if cell.is_formula && !cell.is_text {
+            marks.formulas.insert(cell.place);
         }
     }
 }

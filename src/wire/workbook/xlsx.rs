@@ -43,16 +43,15 @@ pub(super) fn sheets(
         while let Some(cell) = cells.next_cell().map_err(unreadable)? {
             let (row, column) = cell.get_position();
             let (row, column) = (row as usize, column as usize);
-            let is_uncomputed = || {
+            let value = in_text(cell.get_value());
+            let is_formula = || {
                 marks
-                    .without_value
+                    .formulas
                     .contains(&hidden_rows::reference(row, column))
             };
-            let value = match in_text(cell.get_value()) {
-                empty if empty.is_empty() && !marks.without_value.is_empty() && is_uncomputed() => {
-                    UNCOMPUTED.to_owned()
-                }
-                value => value,
+            let value = match value.is_empty() && !marks.formulas.is_empty() && is_formula() {
+                true => UNCOMPUTED.to_owned(),
+                false => value,
             };
             text.cell(row, column, &value, marks.hidden.contains(&row))?;
         }

@@ -117,23 +117,25 @@ fn struck_rows_and_formulas_without_a_value_are_told() {
     let issue = &error.issues[0];
     assert_eq!((issue.code.as_str(), issue.line), ("struck_rows", Some(6)));
     assert!(issue.detail.contains("struck through: 6, 8."), "{issue:?}");
-    let bytes = workbooks::xlsx_of_cells(&cells, |row, place, text| match (row, place) {
-        (3, "J4") => format!("<c r=\"{place}\"><f>A1+1</f></c>"),
-        _ => cell(place, "", text),
-    });
-    let error = read(&bytes, "").unwrap_err();
-    let issue = &error.issues[0];
-    assert_eq!(
-        (issue.code.as_str(), issue.row),
-        ("not_a_number", Some(2)),
-        "{error:?}"
-    );
-    assert!(
-        issue
-            .detail
-            .contains("open the workbook in a spreadsheet program"),
-        "{issue:?}"
-    );
+    for value in ["", "<v></v>", "<v/>"] {
+        let bytes = workbooks::xlsx_of_cells(&cells, |row, place, text| match (row, place) {
+            (3, "J4") => format!("<c r=\"{place}\"><f>A1+1</f>{value}</c>"),
+            _ => cell(place, "", text),
+        });
+        let error = read(&bytes, "").unwrap_err();
+        let issue = &error.issues[0];
+        assert_eq!(
+            (issue.code.as_str(), issue.row),
+            ("not_a_number", Some(2)),
+            "{error:?}"
+        );
+        assert!(
+            issue
+                .detail
+                .contains("open the workbook in a spreadsheet program"),
+            "{issue:?}"
+        );
+    }
 }
 
 fn median(values: &[f64]) -> f64 {
