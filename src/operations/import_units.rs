@@ -53,11 +53,12 @@ mod tests {
 
     #[test]
     fn numbers_of_another_unit_are_told() {
-        for degrees in [&[1.5708, 0.0, -1.5708][..], &[3.1416, 1.57]] {
+        let right = FRAC_PI_2 + 4e-6;
+        for degrees in [&[right, 0.0, -right][..], &[2.0 * right, right - 8e-4]] {
             let issue = radians_under_degrees("alpha_deg", "alpha_rad", degrees).unwrap();
             assert!(issue.detail.contains("name it alpha_rad"), "{issue:?}");
         }
-        for degrees in [&[90.0, 0.0][..], &[0.0, 0.0], &[1.5708, 0.3], &[1.52]] {
+        for degrees in [&[90.0, 0.0][..], &[0.0, 0.0], &[right, 0.3], &[1.52]] {
             assert!(radians_under_degrees("alpha_deg", "alpha_rad", degrees).is_none());
         }
         let links = |a_mm: f64| {

@@ -32,12 +32,12 @@ pub(super) fn table(text: &str) -> Option<(String, ProgramRows)> {
     if points.len() < MIN_POINTS {
         return None;
     }
-    let is_turn = |angle: &&str| angle.parse().is_ok_and(|angle: f64| angle.abs() < MAX_RAD);
+    let is_turn = |angle: &str| angle.parse().is_ok_and(|angle: f64| angle.abs() < MAX_RAD);
     let are_radians = is_script
         && code.contains("movej(")
         && points
             .iter()
-            .all(|(.., angles)| angles.iter().all(|angle| is_turn(&angle)));
+            .all(|(.., angles)| angles.iter().all(|angle| is_turn(angle)));
     let unit = if are_radians { " [rad]" } else { "" };
     let joints: Vec<String> = (1..=N_AXES)
         .map(|joint| format!("J{joint}{unit}"))

@@ -33,6 +33,10 @@ const SAME_JOINT_DEG: f64 = 5.0;
 
 /// A name around an axis or a number: what stands in front of it and behind it.
 type Around = (String, String);
+/// A column with its unit.
+type Column = (usize, Option<Unit>);
+/// For each name around an axis or a number, the columns of the axes or numbers.
+type ByName<const N: usize> = BTreeMap<Around, [Option<Column>; N]>;
 
 /// Asks which columns were measured, if others have numbers like them. `known` has the meanings of the columns by their names.
 pub fn ask_for_second_readings(resolution: &mut Resolution, known: &[(usize, Known)]) {
@@ -95,9 +99,9 @@ fn by_name<const N: usize>(
     resolution: &Resolution,
     free: &[usize],
     parts: impl Fn(&str) -> Vec<(usize, std::ops::Range<usize>)>,
-) -> BTreeMap<Around, [Option<(usize, Option<Unit>)>; N]> {
+) -> ByName<N> {
     let names = resolution.names();
-    let mut found: BTreeMap<Around, [Option<(usize, Option<Unit>)>; N]> = BTreeMap::new();
+    let mut found: ByName<N> = BTreeMap::new();
     for place in free {
         let (name, below) = names[*place];
         let (base, own) = name_and_unit(name);
@@ -209,7 +213,7 @@ fn are_positions(rows: &[Vec<f64>], scales: [f64; 2]) -> bool {
                 (f64::INFINITY, f64::NEG_INFINITY),
                 |(least, largest), value| (least.min(value), largest.max(value)),
             );
-            (largest - least).powi(2)
+            square(largest - least)
         };
         (of_axis(0) + of_axis(1) + of_axis(2)).sqrt()
     };
@@ -224,10 +228,14 @@ fn are_positions(rows: &[Vec<f64>], scales: [f64; 2]) -> bool {
 /// The distances between successive rows.
 fn steps(rows: &[Vec<f64>], first: usize) -> Vec<f64> {
     let step = |pair: &[Vec<f64>]| {
-        let axes = (first..first + 3).map(|at| (pair[1][at] - pair[0][at]).powi(2));
+        let axes = (first..first + 3).map(|at| square(pair[1][at] - pair[0][at]));
         axes.sum::<f64>().sqrt()
     };
     rows.windows(2).map(step).collect()
+}
+
+fn square(value: f64) -> f64 {
+    value * value
 }
 
 fn correlation(a: &[f64], b: &[f64]) -> f64 {
@@ -236,10 +244,10 @@ fn correlation(a: &[f64], b: &[f64]) -> f64 {
     let product: f64 = (a.iter().zip(b))
         .map(|(a, b)| (a - mean_a) * (b - mean_b))
         .sum();
-    let square = |values: &[f64], mean: f64| -> f64 {
-        values.iter().map(|value| (value - mean).powi(2)).sum()
+    let squares = |values: &[f64], mean: f64| -> f64 {
+        values.iter().map(|value| square(value - mean)).sum()
     };
-    product / (square(a, mean_a) * square(b, mean_b)).sqrt()
+    product / (squares(a, mean_a) * squares(b, mean_b)).sqrt()
 }
 
 /// Maximum number of joints with a second column.
