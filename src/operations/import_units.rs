@@ -50,6 +50,7 @@ pub fn metres_under_millimetres(column: &str, links: &[Link]) -> Option<Issue> {
 mod tests {
     use super::{metres_under_millimetres, radians_under_degrees};
     use crate::kinematics::Link;
+    use std::f64::consts::FRAC_PI_2;
 
     #[test]
     fn numbers_of_another_unit_are_told() {
