@@ -48,6 +48,10 @@ pub fn import_with(
             if !reversed.is_empty() {
                 return Err(invalid_values(reversed));
             }
+            let in_degrees = urdf.angles_in_degrees(&found);
+            if !in_degrees.is_empty() {
+                return Err(invalid_values(in_degrees));
+            }
             let frames = urdf.frames(&found);
             let other_units = urdf.other_units(&found);
             let chain = found.chain;

@@ -12,6 +12,7 @@ use crate::measurement::table::decimal_mark::decimal_of;
 use crate::measurement::table::text::Source;
 use crate::measurement::table::{Next, Table as Cells};
 use crate::operations::import_json::{csv_of_json, is_json};
+use crate::operations::import_units::{metres_under_millimetres, radians_under_degrees};
 use crate::wire::issue::{Invalid, Issue};
 
 /// Maximum size of a table, bytes. A dozen rows with nine columns have two KiB.
@@ -136,10 +137,35 @@ pub fn table(bytes: &[u8]) -> Result<Table, Invalid> {
             ..Issue::default()
         });
     }
+    if issues.is_empty() {
+        issues = other_units(&columns, &table.links);
+    }
     match issues.is_empty() {
         true => Ok(table),
         false => Err(refused(issues)),
     }
+}
+
+/// Columns whose numbers no arm has in their unit.
+fn other_units(columns: &[Column], links: &[Link]) -> Vec<Issue> {
+    let with = |quantity: &str, unit: &str| {
+        let is_it =
+            |column: &&Column| QUANTITIES[column.quantity].0 == quantity && column.unit == unit;
+        columns.iter().find(is_it)
+    };
+    type Angle = fn(&Link) -> f64;
+    let angles: [(&str, Angle); 2] = [
+        ("alpha", |link| link.alpha_rad),
+        ("theta_offset", |link| link.theta_offset_rad),
+    ];
+    let angles = angles.into_iter().filter_map(|(quantity, of)| {
+        let degrees: Vec<f64> = links.iter().map(|link| of(link).to_degrees()).collect();
+        let name = &with(quantity, "deg")?.name;
+        radians_under_degrees(name, &format!("{quantity}_rad"), &degrees)
+    });
+    let lengths = with("a", "mm").zip(with("d", "mm"));
+    let lengths = lengths.and_then(|(a, _)| metres_under_millimetres(&a.name, links));
+    angles.chain(lengths).collect()
 }
 
 /// The column that numbers the links, and the number of the row before.
@@ -197,7 +223,7 @@ fn link(
                 line: Some(line),
                 column: Some(column.name.clone()),
                 code: "not_a_number".into(),
-                detail: format!("{text:?} is not a number"),
+                detail: not_a_number(text),
                 ..Issue::default()
             }),
         }
@@ -211,6 +237,17 @@ fn link(
         beta_rad: beta.unwrap_or(0.0),
     };
     (link, low.zip(high))
+}
+
+fn not_a_number(text: &str) -> String {
+    let is_symbol = text.contains(|c: char| c.is_alphabetic() || c == 'θ');
+    let remedy = match is_symbol {
+        true => {
+            ": write numbers alone. The joint value is added to theta, so write 0 for q1 and 90 for θ1+90°; and 90 for pi/2 in degrees"
+        }
+        false => "",
+    };
+    format!("{text:?} is not a number{remedy}")
 }
 
 /// The names by which the header of a table is found.

@@ -9,6 +9,7 @@ pub mod import;
 mod import_digits;
 mod import_json;
 mod import_table;
+mod import_units;
 mod plan_poses;
 mod posture;
 mod predict;

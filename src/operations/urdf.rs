@@ -314,6 +314,15 @@ impl<'t> Urdf<'t> {
             .collect()
     }
 
+    /// Angles of a chain that are right angles in degrees.
+    pub fn angles_in_degrees(&self, chain: &UrdfChain) -> Vec<Issue> {
+        let joints = chain.indices.iter().map(|i| &self.joints[*i]);
+        joints
+            .filter_map(|joint| joint.angles_in_degrees(self.text))
+            .take(MAX_ISSUES)
+            .collect()
+    }
+
     /// The links of a chain, and the links of the file that are not part of it.
     pub fn frames(&self, chain: &UrdfChain) -> UrdfFrames {
         let of_chain = |index: &usize| &self.joints[*index];

@@ -112,6 +112,23 @@ impl UrdfJoint {
         found
     }
 
+    /// Angles of the origin beyond a turn that are right angles in degrees.
+    pub(super) fn angles_in_degrees(&self, text: &str) -> Option<Issue> {
+        let rpy = &text[self.place.rpy.clone()?];
+        let mut angles = rpy
+            .split_whitespace()
+            .filter_map(|angle| angle.parse().ok());
+        let is_in_degrees =
+            |angle: &f64| angle.abs() > std::f64::consts::TAU + 0.01 && angle % 90.0 == 0.0;
+        let deg: f64 = angles.find(is_in_degrees)?;
+        let what = format!(
+            "has rpy={rpy:?}: a URDF is in radians, and so this is {:.0}°. If the file is in degrees, write {:.6} for {deg}",
+            deg.to_degrees(),
+            deg.to_radians()
+        );
+        Some(self.issue(text, "not_in_radians", &what))
+    }
+
     fn issue(&self, text: &str, code: &str, what: &str) -> Issue {
         Issue::at("", code, at_line(text, self.start, &self.name, what))
     }

@@ -628,6 +628,53 @@ fn a_joint_that_mimics_another_matters_only_on_the_way_to_the_tip() {
 }
 
 #[test]
+fn descriptions_in_another_unit_than_they_say_are_refused_with_the_unit() {
+    let rows = "-90,0,127.3\n0,-612,0\n0,-572.3,0\n";
+    let refused = |text: String| {
+        let error = import(text.as_bytes(), ImportFormat::Dh, "x", None).unwrap_err();
+        (
+            error.issues[0].code.to_string(),
+            error.issues[0].detail.clone(),
+        )
+    };
+    let table = |header: &str, rows: &str| {
+        let rows: String = rows.lines().map(|row| format!("{row},0\n")).collect();
+        format!("{header},theta_offset_deg\n{rows}")
+    };
+    let good = table("alpha_deg,a_mm,d_mm", rows);
+    assert!(import(good.as_bytes(), ImportFormat::Dh, "x", None).is_ok());
+    let (code, detail) = refused(table(
+        "alpha_deg,a_mm,d_mm",
+        &rows.replace("-90", "-1.5708"),
+    ));
+    assert!(
+        code == "not_in_degrees" && detail.contains("alpha_rad"),
+        "{detail}"
+    );
+    let metres = "-90,0,0.1273\n0,-0.612,0\n0,-0.5723,0\n";
+    let (code, detail) = refused(table("alpha_deg,a_mm,d_mm", metres));
+    assert!(
+        code == "not_in_millimetres" && detail.contains("a_m and d_m"),
+        "{detail}"
+    );
+    let symbols = good.replace(",0\n", ",θ1+90°\n");
+    let (code, detail) = refused(symbols);
+    assert!(
+        code == "not_a_number" && detail.contains("90 for θ1+90°"),
+        "{detail}"
+    );
+    let urdf = "<robot name='x'><joint name='j' type='revolute'><parent link='a'/><child link='b'/><origin xyz='0 0.1 0.3' rpy='0 90 0'/><axis xyz='0 0 1'/></joint></robot>";
+    let error = import(urdf.as_bytes(), ImportFormat::Urdf, "x", None).unwrap_err();
+    assert_eq!(error.issues[0].code, "not_in_radians");
+    assert!(
+        error.issues[0].detail.contains("write 1.570796 for 90"),
+        "{error:?}"
+    );
+    let turned = urdf.replace("90", "1.570796");
+    assert!(import(turned.as_bytes(), ImportFormat::Urdf, "x", None).is_ok());
+}
+
+#[test]
 fn faults_of_a_urdf_are_named() {
     let code = |text: &str| match Urdf::parse(text.as_bytes()) {
         Err(invalid) => invalid.code,

@@ -79,6 +79,67 @@ pub fn xlsx_with_hidden(sheets: &[Sheet], hidden: &str, hidden_rows: &[usize]) -
     zip(&files)
 }
 
+/// A workbook of one sheet, with a style of cells (number 1) that is struck through. `cell` writes the cell of a place such as `B7`.
+pub fn xlsx_of_cells(rows: &[Vec<String>], cell: impl Fn(usize, &str, &str) -> String) -> Vec<u8> {
+    const MAIN: &str = "http://schemas.openxmlformats.org/spreadsheetml/2006/main";
+    const DOCUMENT: &str = "http://schemas.openxmlformats.org/officeDocument/2006/relationships";
+    const PACKAGE: &str = "http://schemas.openxmlformats.org/package/2006";
+    let row = |(at, row): (usize, &Vec<String>)| {
+        let cells = row.iter().enumerate().map(|(c, text)| {
+            let place = format!("{}{}", char::from(b'A' + c as u8), at + 1);
+            cell(at, &place, text)
+        });
+        format!("<row r=\"{}\">{}</row>", at + 1, cells.collect::<String>())
+    };
+    let rows: String = rows.iter().enumerate().map(row).collect();
+    let relation = |id: usize, what: &str, path: &str| {
+        format!("<Relationship Id=\"rId{id}\" Type=\"{DOCUMENT}/{what}\" Target=\"{path}\"/>")
+    };
+    let relations = |inner: String| {
+        format!("<Relationships xmlns=\"{PACKAGE}/relationships\">{inner}</Relationships>")
+    };
+    let files = [
+        (
+            "[Content_Types].xml",
+            format!(
+                "<Types xmlns=\"{PACKAGE}/content-types\"><Default Extension=\"xml\" ContentType=\"application/xml\"/></Types>"
+            ),
+        ),
+        (
+            "_rels/.rels",
+            relations(relation(1, "officeDocument", "xl/workbook.xml")),
+        ),
+        (
+            "xl/workbook.xml",
+            format!(
+                "<workbook xmlns=\"{MAIN}\" xmlns:r=\"{DOCUMENT}\"><sheets><sheet name=\"Data\" sheetId=\"1\" r:id=\"rId1\"/></sheets></workbook>"
+            ),
+        ),
+        (
+            "xl/_rels/workbook.xml.rels",
+            relations(
+                relation(1, "worksheet", "worksheets/sheet1.xml")
+                    + &relation(2, "styles", "styles.xml"),
+            ),
+        ),
+        (
+            "xl/styles.xml",
+            format!(
+                "<styleSheet xmlns=\"{MAIN}\"><fonts count=\"2\"><font/><font><b/><strike/></font></fonts><fills count=\"1\"><fill/></fills>\
+                 <cellStyleXfs count=\"1\"><xf fontId=\"1\"/></cellStyleXfs><cellXfs count=\"2\"><xf fontId=\"0\"/><xf fontId=\"1\"/></cellXfs></styleSheet>"
+            ),
+        ),
+        (
+            "xl/worksheets/sheet1.xml",
+            format!("<worksheet xmlns=\"{MAIN}\"><sheetData>{rows}</sheetData></worksheet>"),
+        ),
+    ];
+    let files: Vec<(&str, Vec<u8>)> = (files.into_iter())
+        .map(|(name, text)| (name, text.into_bytes()))
+        .collect();
+    zip(&files)
+}
+
 fn xlsx_row(number: usize, row: &[String], is_hidden: bool) -> String {
     let cells = row.iter().enumerate().map(|(c, cell)| {
         let place = format!("{}{number}", char::from(b'A' + c as u8));

@@ -111,6 +111,7 @@ pub fn recognise(header: &str, below: Option<Unit>) -> Known {
     let words: Vec<&str> = words.iter().map(String::as_str).collect();
     joint(&words, unit)
         .or_else(|| position(&words, unit))
+        .or_else(|| position_in_two_units(&words, unit, below))
         .or_else(|| key(&words, unit))
         .unwrap_or(Known::Unknown)
 }
@@ -218,6 +219,15 @@ fn position(words: &[&str], unit: Unit) -> Option<Known> {
         _ => return None,
     };
     length.then_some(Known::Position(axis, unit))
+}
+
+/// A coordinate whose name has one unit, and the row of units below it another.
+fn position_in_two_units(words: &[&str], unit: Unit, below: Option<Unit>) -> Option<Known> {
+    let is_told_twice = unit == Unit::TwoReadings && below.is_some_and(|unit| !is_angle(unit));
+    match position(words, Unit::Missing).filter(|_| is_told_twice)? {
+        Known::Position(axis, _) => Some(Known::Position(axis, unit)),
+        _ => None,
+    }
 }
 
 fn key(words: &[&str], unit: Unit) -> Option<Known> {

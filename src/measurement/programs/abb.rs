@@ -100,7 +100,12 @@ fn is_joints(node: &Node) -> bool {
 
 fn target(code: &str, at: usize, name: &str, value: &Node, found: &mut Found) {
     match value.list().first().and_then(Node::items) {
-        Some(angles) => found.point(code, at, name, angles),
+        Some(angles) => {
+            let external = value.list().get(1).and_then(Node::items);
+            let external = external.unwrap_or_default().into_iter().zip('a'..);
+            let external = external.map(|(value, axis)| (format!("eax_{axis}"), value));
+            found.point(code, at, name, angles, external.collect());
+        }
         None => found.other(at, name, Reason::NotNumbers),
     }
 }

@@ -67,12 +67,25 @@ fn point(text: &str, head: &str, range: Range<usize>, found: &mut Found) {
         Some(value.start..value.start + angle.len())
     };
     let angles: Vec<Range<usize>> = (1..=9).map_while(angle).collect();
+    // Extended axes are E1 to E3, and joints in mm.
+    let further = (angles.len() + 1..=9).map(|joint| format!("J{joint}"));
+    let names = (1..=3).map(|number| format!("E{number}")).chain(further);
+    let axis = |name: String| {
+        let value = entry(&name)?;
+        let plain = text[value.clone()].trim_end_matches("};").trim_end();
+        let plain = plain
+            .trim_end_matches("deg")
+            .trim_end_matches("mm")
+            .trim_end();
+        Some((name, value.start..value.start + plain.len()))
+    };
+    let external: Vec<(String, Range<usize>)> = names.filter_map(axis).collect();
     match (entry("J1"), entry("X")) {
         (None, Some(_)) => found.other(at, &name, Reason::Cartesian),
         (None, None) => {}
         _ => {
             let before = found.points.len();
-            found.point(text, at, &name, angles);
+            found.point(text, at, &name, angles, external);
             if let Some(point) = found.points.get_mut(before) {
                 point.number = number.to_owned();
             }

@@ -1,15 +1,18 @@
 //! Reads declared joint targets of robot programs (data lists of KUKA, modules of ABB, listings of FANUC) as tables with one row per point. In these
-//! languages joint values are in degrees. Targets that are written into a motion are not read: nothing says which measurement belongs to them.
+//! languages joint values are in degrees; in URScript they are in radians. Targets that are written into a motion are not read: nothing says which measurement belongs to them.
 
 mod abb;
+mod external_axes;
 mod fanuc;
 mod kuka;
 mod point;
 mod text;
+mod universal_robots;
 
 pub use point::{Point, Reason};
 
 use crate::measurement::issue::{ParseError, whole};
+use external_axes::external_axes;
 use point::Found;
 
 /// Number of points that a refusal names.
@@ -74,6 +77,8 @@ pub struct ProgramRows {
     pub unread: Vec<Unread>,
     /// Number of lines on which no point begins.
     pub n_other_lines: usize,
+    /// Why the program is refused when it is uploaded: an external axis moves between its points.
+    pub moving_axis: Option<String>,
 }
 
 /// Finds the points of a program. None if the text is not a known program.
@@ -124,8 +129,9 @@ pub fn find(text: &str) -> Result<Option<Program>, ParseError> {
 /// As [`find`].
 pub(super) fn table(text: &str) -> Result<Option<(String, ProgramRows)>, ParseError> {
     let Some(program) = find(text)? else {
-        return Ok(None);
+        return Ok(universal_robots::table(text));
     };
+    let external = external_axes(&program, text);
     let n_axes = program.points.first().map_or(0, |point| point.angles.len());
     let joints: Vec<String> = (1..=n_axes)
         .map(|joint| format!("J{joint} [deg]"))
@@ -145,7 +151,12 @@ pub(super) fn table(text: &str) -> Result<Option<(String, ProgramRows)>, ParseEr
     let about = ProgramRows {
         n_other_lines: text.lines().count().saturating_sub(different.len()),
         lines: program.lines,
-        unread: program.unread,
+        unread: external
+            .standing
+            .into_iter()
+            .chain(program.unread)
+            .collect(),
+        moving_axis: external.moving,
     };
     Ok(Some((rows, about)))
 }
@@ -289,6 +300,16 @@ mod tests {
             PTP_REL {A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\nPTP {A1 5}\n\
             DECL MYLIMIT LIM={A1 170,A2 1,A3 1,A4 1,A5 1,A6 1}\nIF $AXIS_ACT=={A1 1,A2 2,A3 3,A4 4,A5 5,A6 6} THEN\nENDDAT\n";
         assert_eq!(rows(text), ["4: P2 2 1.5 -90.0 90 0.0 -1E1 0.25"]);
+        let text = "DECL E6AXIS CALP[40]\nDECL MYLIMIT LIM[2]\nCALP[1]={E6AXIS: A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\nCALP[2]={A1 2,A2 2,A3 3,A4 4,A5 5,A6 6,E1 0}\n\
+            LIM[1]={A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\nP7={A1 3,A2 2,A3 3,A4 4,A5 5,A6 6}\n";
+        assert_eq!(
+            rows(text),
+            [
+                "3: CALP[1] 1 1 2 3 4 5 6",
+                "4: CALP[2] 2 2 2 3 4 5 6",
+                "6: P7 7 3 2 3 4 5 6"
+            ]
+        );
         let own = |line, name: &str, reason| (line, name.to_owned(), reason);
         assert_eq!(
             unread(text),

@@ -19,6 +19,8 @@ pub struct Point {
     pub number: String,
     /// Where its joint values are, bytes.
     pub angles: Vec<Range<usize>>,
+    /// Where the values of its external axes are, bytes, with their names.
+    pub external: Vec<(String, Range<usize>)>,
 }
 
 /// Why a point is not read.
@@ -30,6 +32,8 @@ pub enum Reason {
     NotNumbers,
     /// It has fewer joint values than other points of the program.
     SomeAxes,
+    /// It is no point, but an external axis that stands at one value in all points.
+    ExternalAxis,
 }
 
 impl Reason {
@@ -39,6 +43,7 @@ impl Reason {
             Self::Cartesian => "a Cartesian position has no joint values",
             Self::NotNumbers => "its joint values are not all numbers (9E9 is none)",
             Self::SomeAxes => "it has fewer joint values than the other points",
+            Self::ExternalAxis => "an external axis; it stands at one value in all points",
         }
     }
 }
@@ -71,13 +76,22 @@ impl Found {
         });
     }
 
-    /// Adds a point. Its joint values must be numbers; otherwise it is not read.
-    pub(super) fn point(&mut self, text: &str, at: usize, name: &str, angles: Vec<Range<usize>>) {
+    /// Adds a point. Its joint values must be numbers; otherwise it is not read. External axes without a value are left out.
+    pub(super) fn point(
+        &mut self,
+        text: &str,
+        at: usize,
+        name: &str,
+        angles: Vec<Range<usize>>,
+        external: Vec<(String, Range<usize>)>,
+    ) {
         let is_usable = (1..=MAX_AXES).contains(&angles.len());
         let is_angle = |angle: &Range<usize>| {
             let angle = &text[angle.clone()];
             is_number(angle) && angle.parse().is_ok_and(|angle: f64| angle.abs() < NO_ANGLE)
         };
+        let external = external.into_iter();
+        let external = external.filter(|(_, value)| is_angle(value)).collect();
         if !is_usable || !angles.iter().all(is_angle) {
             return self.other(at, name, Reason::NotNumbers);
         }
@@ -86,6 +100,7 @@ impl Found {
             number: number_of(name),
             name: name.to_owned(),
             angles,
+            external,
         });
     }
 

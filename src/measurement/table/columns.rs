@@ -10,9 +10,11 @@ use crate::measurement::issue::{Issue, MAX_ISSUES};
 use crate::measurement::table::Table;
 use crate::measurement::table::groups::without_groups_not_measured;
 use crate::measurement::table::halves::missing_half;
+use crate::measurement::table::other_layouts::other_layout;
 use crate::measurement::table::plain::{is_of_target, named_plain};
 use crate::measurement::table::resolution::Resolution;
 pub use crate::measurement::table::resolution::{Columns, Used};
+use crate::measurement::table::second_readings::ask_for_second_readings;
 use std::collections::BTreeSet;
 
 /// Resolves the meanings of the columns of a table. `issues` of the result is empty if the table can be read.
@@ -138,6 +140,9 @@ impl Resolution<'_> {
                 }
             }
         }
+        if self.columns.issues.is_empty() {
+            ask_for_second_readings(self, &known);
+        }
     }
 
     fn named_joints(&mut self, known: &[(usize, Known)]) {
@@ -226,7 +231,7 @@ impl Resolution<'_> {
             missing.extend(axes.map(|axis| format!("{axis}_mm")));
         }
         self.columns.missing = missing;
-        if let Some(issue) = missing_half(self) {
+        if let Some(issue) = other_layout(self).or_else(|| missing_half(self)) {
             self.columns.issues = vec![issue];
         }
         if !self.columns.issues.is_empty() {

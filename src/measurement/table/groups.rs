@@ -6,7 +6,7 @@ use crate::measurement::columns::words::is_one_of;
 use crate::measurement::table::Table;
 
 /// Words above columns that were not measured, or that are differences and spreads.
-const NOT_MEASURED: &str = "tcp|controller|nominal|nom|soll|sollwert|sollwerte|deviation|deviations|dev|abweichung|\
+pub const NOT_MEASURED: &str = "tcp|controller|nominal|nom|soll|sollwert|sollwerte|deviation|deviations|dev|abweichung|\
     delta|error|errors|difference|diff|reference|design|cad|command|commanded|programmed|\
     theoretical|predicted|computed|calculated|residual|residuals|std|sigma|uncertainty|rms|\
     streuung|unsicherheit|minus|abw|resid";

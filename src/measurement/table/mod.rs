@@ -8,12 +8,14 @@ mod groups;
 mod halves;
 mod header;
 mod lines;
+mod other_layouts;
 mod plain;
 pub mod points;
 mod quotes;
 mod raw;
 mod resolution;
 mod rows;
+mod second_readings;
 pub mod targets;
 pub mod text;
 

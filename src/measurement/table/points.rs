@@ -170,6 +170,14 @@ fn resolved(table: &Table, options: &TableOptions) -> Columns {
             .in_column("target".to_owned()),
         );
     }
+    // Of a file that was accepted once, all points count.
+    let program = table
+        .program
+        .as_ref()
+        .filter(|_| !options.mapping.is_complete);
+    if let Some(moving) = program.and_then(|program| program.moving_axis.clone()) {
+        columns.issues = vec![Issue::new("external_axis_moves", moving)];
+    }
     if options.needs != Needs::Joints && columns.issues.is_empty() {
         let has = |name: &str| columns.used.iter().any(|used| used.means == name);
         let of_poses = header_issues(&has, options.rotation).into_iter();

@@ -144,10 +144,16 @@ impl Resolution<'_> {
                 self.columns
                     .proposed
                     .push((format!("{thing}_{}", units[0]), place));
-                let detail = format!(
-                    "the unit of column {name} may be degrees (German: Grad) or gons (400 in a turn), or two units are named: say it {mapping} \
+                let detail = match thing.starts_with('q') {
+                    true => format!(
+                        "the unit of column {name} may be degrees (German: Grad) or gons (400 in a turn), or two units are named: say it {mapping} \
                      (for gons: {thing}_gon)"
-                );
+                    ),
+                    false => format!(
+                        "column {name} has one unit in its name, and another in the row of units below it: correct the file; or, if you know which is right, say it \
+                         {mapping} (for metres: {thing}_m)"
+                    ),
+                };
                 self.issue(Some(name), "two_readings", detail);
             }
         }

@@ -6,6 +6,7 @@ use crate::measurement::csv::{MAX_ROWS, Reading, parse_row};
 use crate::measurement::issue::{Issue, MAX_ISSUES};
 use crate::measurement::set::Point;
 use crate::measurement::table::checks::flags::Flags;
+use crate::measurement::table::checks::names::Names;
 use crate::measurement::table::checks::no_measurements;
 use crate::measurement::table::checks::reflectors::reflectors;
 use crate::measurement::table::checks::row_ends::{Ends, RowEnds};
@@ -42,6 +43,8 @@ pub struct Rows {
     ends: RowEnds,
     /// Columns that may say which rows count.
     flags: Flags,
+    /// Names of points that say that a row does not count, or that two tables stand side by side.
+    names: Names,
     /// For each point, the cell with its reflector.
     reflector_cells: Vec<String>,
     /// The names of the reflectors in the order of their numbers, if the file has names.
@@ -125,7 +128,20 @@ impl Rows {
             let is_key = layout.keys.iter().any(|used| used.place == *place);
             !is_key && !layout.places.contains(place) && !layout.ignored.contains(place)
         };
+        let read = |is_wanted: fn(&Column) -> bool| -> Vec<usize> {
+            let columns = layout.places.iter().zip(&layout.columns);
+            let wanted = columns.filter(|(_, column)| is_wanted(column));
+            wanted.map(|(place, _)| *place).collect()
+        };
+        let own = layout.keys.iter().find(|used| used.means == "name");
         Self {
+            names: Names::new(
+                table,
+                own.map(|used| used.place),
+                &read(|column| matches!(column, Column::Joint(..))),
+                &read(|column| matches!(column, Column::Position(..))),
+                |place| !layout.ignored.contains(&place),
+            ),
             flags: Flags::new(table, !layout.has_positions, is_free),
             keys: keys.map(|used| (used.means.clone(), vec![])).collect(),
             with_unit: vec![UnitsOfCells::default(); layout.places.len()],
@@ -173,6 +189,7 @@ impl Rows {
         self.refuse_some_units(layout);
         if self.issues.is_empty() && !layout.are_targets {
             self.issues.extend(self.flags.refused(table));
+            self.issues.extend(self.names.refused(table));
         }
         if layout.has_positions && self.issues.is_empty() {
             let is_joint = |column: &Column| matches!(column, Column::Joint(..));
@@ -322,6 +339,7 @@ impl Rows {
             return self.issues.len() < MAX_ISSUES;
         }
         self.flags.take(index, &row);
+        self.names.take(index, &row);
         let mut reflector = None;
         let mut cells = csv::StringRecord::new();
         for (column, place) in layout.places.iter().enumerate() {

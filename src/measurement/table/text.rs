@@ -80,6 +80,11 @@ impl<'a> Source<'a> {
         if source.text.trim().is_empty() {
             return Err(whole("empty", "the file is empty".into()));
         }
+        if is_page(&source.text) {
+            let detail = "the file is a web page (HTML) or XML with a table in it, often under the name of a spreadsheet: open it in a spreadsheet program, and save it as xlsx or \
+                          CSV (UTF-8)";
+            return Err(whole("not_csv", detail.into()));
+        }
         Ok(source)
     }
 
@@ -91,6 +96,14 @@ impl<'a> Source<'a> {
             program: None,
         }
     }
+}
+
+/// Whether a text is HTML, or a spreadsheet in XML.
+fn is_page(text: &str) -> bool {
+    let begin: String = text.trim_start().chars().take(200).collect();
+    let begin = begin.to_lowercase();
+    let tags = ["<!doctype html", "<html", "<table", "<?xml", "<workbook"];
+    tags.iter().any(|tag| begin.starts_with(tag))
 }
 
 fn decoded(bytes: &[u8]) -> Result<Source<'_>, ParseError> {

@@ -1,4 +1,5 @@
-//! Rows that are hidden, by a filter or by hand. Nothing tells whether they count, so a sheet with such rows is refused.
+//! Rows that are hidden, by a filter or by hand, or struck through. Nothing tells whether they count, so a sheet with such rows is refused. Also finds
+//! formulas that have never been computed.
 
 use super::refusal::{Archive, refused};
 use super::sheet::Sheet;
@@ -9,27 +10,50 @@ use std::collections::BTreeSet;
 /// Maximum number of rows that a refusal lists.
 const MAX_LISTED: usize = 10;
 
-/// Refuses a sheet with hidden rows that have cells.
-pub(super) fn refuse_hidden_rows(sheet: &Sheet) -> Result<(), Invalid> {
-    let n = sheet.hidden_rows.len();
-    let Some(first) = sheet.hidden_rows.first() else {
+/// What the cells of a sheet do not tell.
+#[derive(Default)]
+pub(super) struct Marks {
+    /// The hidden rows, counted from 0.
+    pub hidden: BTreeSet<usize>,
+    /// Rows with a cell that is struck through, counted from 0.
+    pub struck: BTreeSet<usize>,
+    /// Cells with a formula of numbers, as `B7`. Programs that do not compute write them without a value.
+    pub formulas: BTreeSet<String>,
+}
+
+/// Refuses a sheet with hidden rows that have cells, and with rows that are struck through.
+pub(super) fn refuse_marked_rows(sheet: &Sheet) -> Result<(), Invalid> {
+    let name = &sheet.name;
+    refuse_rows(&sheet.hidden_rows, "hidden_rows", |n, rows| {
+        format!(
+            "{n} rows of sheet {name:?} are hidden, by a filter or by hand: {rows}. Nothing tells whether they count: show all rows, or delete those that do not count"
+        )
+    })?;
+    refuse_rows(&sheet.struck_rows, "struck_rows", |n, rows| {
+        format!(
+            "{n} rows of sheet {name:?} have cells that are struck through: {rows}. Nothing tells whether they count: delete these rows, or remove the strike"
+        )
+    })
+}
+
+fn refuse_rows(
+    rows: &[usize],
+    code: &'static str,
+    in_words: impl Fn(usize, String) -> String,
+) -> Result<(), Invalid> {
+    let Some(first) = rows.first() else {
         return Ok(());
     };
-    let listed = sheet.hidden_rows.iter().take(MAX_LISTED);
+    let listed = rows.iter().take(MAX_LISTED);
     let listed: Vec<String> = listed.map(|row| (row + 1).to_string()).collect();
-    let more = if n > MAX_LISTED { " …" } else { "" };
-    let detail = format!(
-        "{n} rows of sheet {:?} are hidden, by a filter or by hand: {}{more}. Nothing tells whether they count: show all rows, or delete those that do not count",
-        sheet.name,
-        listed.join(", ")
-    );
-    let mut error = refused("hidden_rows", detail);
+    let more = if rows.len() > MAX_LISTED { " …" } else { "" };
+    let mut error = refused(code, in_words(rows.len(), listed.join(", ") + more));
     error.issues[0].line = Some(first + 1);
     Err(error)
 }
 
-/// The hidden rows of a sheet of an xlsx workbook, counted from 0. The reader of its cells does not tell them.
-pub(super) fn of_xlsx(archive: &mut Archive, sheet: &str) -> Result<BTreeSet<usize>, Invalid> {
+/// The marks of a sheet of an xlsx workbook. The reader of its cells does not tell them.
+pub(super) fn of_xlsx(archive: &mut Archive, sheet: &str) -> Result<Marks, Invalid> {
     let mut workbook = "xl/workbook.xml".to_owned();
     each_element(archive, "_rels/.rels", |element| {
         let is_workbook =
@@ -53,24 +77,49 @@ pub(super) fn of_xlsx(archive: &mut Archive, sheet: &str) -> Result<BTreeSet<usi
             id = own.map(|own| own.value.into_owned());
         }
     })?;
-    let mut path = None;
+    let (mut path, mut styles) = (None, None);
     each_element(
         archive,
         &in_folder(&format!("_rels/{name}.rels")),
         |element| {
             if attribute(element, "Id").is_some_and(|own| Some(own) == id) {
                 path = attribute(element, "Target");
+            } else if attribute(element, "Type").is_some_and(|t| t.ends_with("/styles")) {
+                styles = attribute(element, "Target");
             }
         },
     )?;
-    let path = path.unwrap_or_default();
-    let path = match path.strip_prefix('/') {
+    let from_root = |path: String| match path.strip_prefix('/') {
         Some(path) => path.to_owned(),
         None => in_folder(&path),
     };
-    let (mut hidden, mut next) = (BTreeSet::new(), 0);
+    let struck_styles = match styles {
+        Some(path) => struck_styles(archive, &from_root(path))?,
+        None => BTreeSet::new(),
+    };
+    let path = from_root(path.unwrap_or_default());
+    let (mut marks, mut next) = (Marks::default(), 0_usize);
+    let mut cell = Cell::default();
     each_element(archive, &path, |element| {
-        if element.local_name().as_ref() != "row" {
+        let name = element.local_name();
+        match name.as_ref() {
+            "row" => cell.end(&mut marks),
+            "c" => {
+                cell.end(&mut marks);
+                let style = attribute(element, "s").and_then(|style| style.parse::<usize>().ok());
+                cell = Cell {
+                    place: attribute(element, "r").unwrap_or_default(),
+                    is_text: attribute(element, "t").is_some_and(|kind| kind != "n"),
+                    is_struck: style.is_some_and(|style| struck_styles.contains(&style)),
+                    ..Cell::default()
+                };
+                return;
+            }
+            "f" => cell.is_formula = true,
+            "v" | "is" if cell.is_struck => marks.struck.extend(next.checked_sub(1)),
+            _ => {}
+        }
+        if name.as_ref() != "row" {
             return;
         }
         let number = attribute(element, "r").and_then(|number| number.parse::<usize>().ok());
@@ -79,8 +128,74 @@ pub(super) fn of_xlsx(archive: &mut Archive, sheet: &str) -> Result<BTreeSet<usi
             .unwrap_or(next);
         next = row.saturating_add(1);
         if attribute(element, "hidden").is_some_and(|is| matches!(is.as_str(), "1" | "true")) {
-            hidden.insert(row);
+            marks.hidden.insert(row);
         }
     })?;
-    Ok(hidden)
+    cell.end(&mut marks);
+    Ok(marks)
+}
+
+/// A place as spreadsheets write it, such as `B7`. Row and column are counted from 0.
+pub(super) fn reference(row: usize, column: usize) -> String {
+    let mut letters = String::new();
+    let mut left = column + 1;
+    while left > 0 {
+        letters.insert(0, char::from(b'A' + ((left - 1) % 26) as u8));
+        left = (left - 1) / 26;
+    }
+    format!("{letters}{}", row + 1)
+}
+
+/// The cell that is read.
+#[derive(Default)]
+struct Cell {
+    place: String,
+    is_struck: bool,
+    is_formula: bool,
+    /// Whether its value is a text, which may be empty.
+    is_text: bool,
+}
+
+impl Cell {
+    /// The cell ends.
+    fn end(&mut self, marks: &mut Marks) {
+        let cell = std::mem::take(self);
+        if cell.is_formula && !cell.is_text {
+            marks.formulas.insert(cell.place);
+        }
+    }
+}
+
+/// The styles of cells whose text is struck through, by their numbers.
+fn struck_styles(archive: &mut Archive, path: &str) -> Result<BTreeSet<usize>, Invalid> {
+    let (mut section, mut fonts, mut n_fonts) = (String::new(), BTreeSet::new(), 0);
+    let (mut struck, mut n_styles) = (BTreeSet::new(), 0);
+    each_element(archive, path, |element| {
+        let name = element.local_name();
+        match (section.as_str(), name.as_ref()) {
+            (
+                _,
+                part @ ("fonts" | "fills" | "borders" | "cellStyleXfs" | "cellXfs" | "cellStyles"
+                | "dxfs"),
+            ) => {
+                section = part.to_owned();
+            }
+            ("fonts", "font") => n_fonts += 1,
+            ("fonts", "strike") => {
+                let is_off = attribute(element, "val");
+                if !is_off.is_some_and(|val| matches!(val.as_str(), "0" | "false")) {
+                    fonts.insert(n_fonts);
+                }
+            }
+            ("cellXfs", "xf") => {
+                let font = attribute(element, "fontId").and_then(|font| font.parse::<usize>().ok());
+                if font.is_some_and(|font| fonts.contains(&(font + 1))) {
+                    struck.insert(n_styles);
+                }
+                n_styles += 1;
+            }
+            _ => {}
+        }
+    })?;
+    Ok(struck)
 }

@@ -11,7 +11,7 @@ mod xml;
 use crate::measurement::columns::mapping::Mapping;
 use crate::measurement::table::text::{Encoding, Source};
 use crate::wire::Invalid;
-use hidden_rows::refuse_hidden_rows;
+use hidden_rows::refuse_marked_rows;
 use refusal::{Archive, MAX_UNPACKED_BYTES, broken, refused, too_large};
 use sheet::Sheets;
 use std::io::{Cursor, Read};
@@ -90,7 +90,7 @@ pub fn read(
     match (found.next(), found.next()) {
         (Some(sheet), None) => {
             if !mapping.is_complete {
-                refuse_hidden_rows(&sheet)?;
+                refuse_marked_rows(&sheet)?;
             }
             Ok((Source::from_sheet(sheet.text, encoding), sheet.name))
         }
@@ -104,15 +104,27 @@ pub fn read(
             ),
             None => refused("empty", "no sheet of the workbook has cells".into()),
         }),
-        (Some(first), Some(second)) => Err(refused(
-            "two_readings",
-            format!(
-                "several sheets of the workbook have cells, {0:?} and {1:?} among them: \
-                 name one in the column mapping: {{\"sheet\": {0:?}}}",
-                first.name, second.name
-            ),
-        )),
+        (Some(first), Some(second)) => {
+            let (robot, instrument) = match is_of_instrument(&first.name) {
+                true => (&second.name, &first.name),
+                false => (&first.name, &second.name),
+            };
+            let detail = format!(
+                "several sheets of the workbook have cells, {:?} and {:?} among them. If one has the joint values and another the positions, give the workbook as both \
+                 files, and name the sheets in the column mapping: {{\"robot\": {{\"sheet\": {robot:?}}}, \"instrument\": {{\"sheet\": {instrument:?}}}}}. If one sheet has \
+                 both, name it in the column mapping: {{\"sheet\": {:?}}}",
+                first.name, second.name, first.name
+            );
+            Err(refused("two_readings", detail))
+        }
     }
+}
+
+/// Whether the name of a sheet says that it is of the instrument.
+fn is_of_instrument(name: &str) -> bool {
+    let name = name.to_lowercase();
+    let words = ["tracker", "laser", "instrument", "meas", "mess", "position"];
+    words.iter().any(|word| name.contains(word))
 }
 
 /// Protection against zip bombs: unpacks every file without keeping its content, and counts the bytes.

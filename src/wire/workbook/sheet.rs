@@ -21,6 +21,8 @@ pub(super) struct Sheet {
     pub text: String,
     /// The hidden rows that have cells, counted from 0.
     pub hidden_rows: Vec<usize>,
+    /// The rows with a cell that is struck through, counted from 0.
+    pub struck_rows: Vec<usize>,
 }
 
 /// Writes the cells of a sheet in their order.
@@ -92,6 +94,7 @@ impl SheetText {
             name,
             text: self.text,
             hidden_rows: self.hidden_rows,
+            struck_rows: vec![],
         })
     }
 }

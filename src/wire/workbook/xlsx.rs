@@ -2,10 +2,14 @@
 
 use super::hidden_rows;
 use super::refusal::{Archive, broken};
-use super::sheet::{SheetText, Sheets};
+use super::sheet::{Sheet, SheetText, Sheets};
 use crate::wire::Invalid;
 use calamine::{DataRef, ExcelDateTime, Reader, SheetVisible, Xlsx};
 use std::io::Cursor;
+
+/// Stands for a formula without a value.
+const UNCOMPUTED: &str =
+    "formula without a value: open the workbook in a spreadsheet program and save it";
 
 pub(super) fn sheets(
     bytes: &[u8],
@@ -34,15 +38,28 @@ pub(super) fn sheets(
         let Ok(mut cells) = workbook.worksheet_cells_reader(name) else {
             continue;
         };
-        let hidden = hidden_rows::of_xlsx(archive, name)?;
+        let marks = hidden_rows::of_xlsx(archive, name)?;
         let mut text = SheetText::default();
         while let Some(cell) = cells.next_cell().map_err(unreadable)? {
             let (row, column) = cell.get_position();
             let (row, column) = (row as usize, column as usize);
             let value = in_text(cell.get_value());
-            text.cell(row, column, &value, hidden.contains(&row))?;
+            let is_formula = || {
+                marks
+                    .formulas
+                    .contains(&hidden_rows::reference(row, column))
+            };
+            let value = match value.is_empty() && !marks.formulas.is_empty() && is_formula() {
+                true => UNCOMPUTED.to_owned(),
+                false => value,
+            };
+            text.cell(row, column, &value, marks.hidden.contains(&row))?;
         }
-        found.extend(text.finish(name.clone()));
+        let sheet = text.finish(name.clone());
+        found.extend(sheet.map(|sheet| Sheet {
+            struck_rows: marks.struck.into_iter().collect(),
+            ..sheet
+        }));
         if found.len() > 1 {
             break;
         }

@@ -3,8 +3,11 @@
 mod contents;
 mod forms;
 mod groups;
+mod layouts;
 mod names;
 mod put_aside;
+mod put_aside_by_name;
+mod second_readings;
 mod traps;
 
 use crate::workbooks;

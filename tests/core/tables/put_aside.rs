@@ -4,7 +4,7 @@ use super::traps::{is_read, named_rows, refused_as, with_remarks};
 use super::*;
 
 /// A table with one more column behind.
-fn with_column(name: &str, back: fn(usize) -> Vec<String>) -> String {
+pub(super) fn with_column(name: &str, back: fn(usize) -> Vec<String>) -> String {
     let mut table = with_remarks(back);
     *table.header.last_mut().unwrap() = name.to_owned();
     table.text()

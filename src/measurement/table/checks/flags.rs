@@ -10,6 +10,17 @@ const NAMES: &str = "deleted|delete|del|excluded|exclude|ignore|ignored|skip|ski
     discarded|reject|rejected|removed|use|used|valid|invalid|ok|bad|good|status|state|quality|\
     flag|outlier|active|include|included|accepted|gültig|ungültig|gelöscht|verwendet|\
     ausreißer|aktiv";
+/// Words in the name of a column that says which rows count if all its cells are judgements: a `Test` may have a name or a number, too.
+const RESULT_NAMES: &str = "result|results|test|tested|check|checked|measured|gemessen|ergebnis|bewertung|prüfung|\
+    verdict|judgement|judgment|pass|passed|fail|failed|usable|reliable|trusted|confirmed|approved|\
+    enabled";
+/// Cells that judge a row.
+const JUDGEMENTS: &str = "|yes|no|y|n|ja|nein|j|oui|non|si|sì|true|false|t|f|1|0|pass|passed|fail|failed|ok|nok|good|bad|\
+    valid|invalid|io|nio|i.o.|n.i.o.|in|out|on|off";
+/// Words in the name of a column with the weight of each row.
+const WEIGHTS: &str = "weight|weights|weighting|gewicht|gewichtung|poids|peso";
+/// Words beside them in that of a column of masses.
+const MASSES: &str = "kg|g|lb|lbs|n|payload|load|last|tool|part";
 /// Words in the name of a column that never counts: "Status number", "Points used".
 const STATES: &str = "status|state|flag|quality|use|used|verwendet";
 /// Words beside the names in that of a column that counts: "Valid samples".
@@ -20,6 +31,32 @@ const MAX_WORDS: usize = 3;
 /// Cells that say in any column that a row does not count.
 const REJECTION_WORDS: &str = "deleted|invalid|nok|not ok|n.ok|bad|outlier|rejected|reject|excluded|exclude|discard|\
     discarded|skip|ignore|ungültig|gelöscht|ausreißer|verworfen|n.i.o.|nio|invalide";
+/// Cells that say so where other rows have others: all points may fail a test of nominal positions.
+const FAILURES: &str = "fail|failed|failure|not good|ng|n.g.|calculated|interpolated|predicted|simulated|not measured|\
+    nicht gemessen|gesperrt";
+/// Parts of remarks that say that a row does not count.
+const PHRASES: [&str; 18] = [
+    "do not use",
+    "don't use",
+    "not to be used",
+    "not used",
+    "not usable",
+    "not valid",
+    "beam broken",
+    "beam break",
+    "beam lost",
+    "broken beam",
+    "nicht verwenden",
+    "nicht benutzen",
+    "nicht verwendet",
+    "strahl unterbrochen",
+    "strahlunterbrechung",
+    "to be deleted",
+    "please ignore",
+    "ignore this",
+];
+/// Maximum length of a remark that is read, bytes.
+const MAX_REMARK: usize = 200;
 /// Cells that mark a row, in a column without other texts.
 const MARKS: [&str; 6] = ["x", "*", "!", "+", "✓", "✗"];
 /// Maximum number of different values of a column that says which rows count. More are measurements, such as a quality in percent.
@@ -36,6 +73,16 @@ pub struct Flags {
 struct Flag {
     place: usize,
     is_named: bool,
+    /// Whether the name says so if all cells are judgements.
+    is_result: bool,
+    /// Whether the column has weights.
+    is_weight: bool,
+    /// The first row of weight zero, and whether another has more.
+    no_weight: Option<Marked>,
+    has_weight: bool,
+    /// The first cell that says that its row failed, and whether another has some other text.
+    failed: Option<Marked>,
+    has_others: bool,
     /// Whether the name says that the column counts.
     is_counted: bool,
     /// Each value in small letters, with its number of rows and the first of them. One more than [`MAX_VALUES`] if there are more.
@@ -65,6 +112,12 @@ impl Flags {
             Flag {
                 place,
                 is_named,
+                is_result: !is_log && words.len() <= MAX_WORDS && has(RESULT_NAMES),
+                is_weight: has(WEIGHTS) && !has(MASSES),
+                no_weight: None,
+                has_weight: false,
+                failed: None,
+                has_others: false,
                 is_counted: has(COUNT_WORDS) && !has(STATES),
                 values: BTreeMap::new(),
                 put_aside: None,
@@ -80,17 +133,31 @@ impl Flags {
         for flag in &mut self.columns {
             let cell = row.cells.get(flag.place).unwrap_or("").trim();
             let is_full = flag.values.len() > MAX_VALUES;
-            if cell.len() > MAX_LENGTH || is_full && flag.put_aside.is_some() {
-                continue;
-            }
             let marked = || Marked {
                 row: index,
                 line: row.line,
                 cell: cell.to_owned(),
             };
+            if flag.is_weight && !cell.is_empty() {
+                match cell.replace(',', ".").parse::<f64>() {
+                    Ok(0.0) => _ = flag.no_weight.get_or_insert_with(marked),
+                    _ => flag.has_weight = true,
+                }
+            }
+            if cell.len() > MAX_REMARK || is_full && is_number(cell) {
+                continue;
+            }
             let value = cell.to_lowercase();
-            if flag.put_aside.is_none() && is_one_of(REJECTION_WORDS, &value) {
+            let has_phrase = || value.contains(' ') && PHRASES.iter().any(|p| value.contains(p));
+            if flag.put_aside.is_none() && (is_one_of(REJECTION_WORDS, &value) || has_phrase()) {
                 flag.put_aside = Some(marked());
+            }
+            match is_one_of(FAILURES, &value) {
+                true => _ = flag.failed.get_or_insert_with(marked),
+                false => flag.has_others |= !cell.is_empty(),
+            }
+            if cell.len() > MAX_LENGTH {
+                continue;
             }
             if !is_full {
                 flag.values.entry(value).or_insert_with(|| (0, marked())).0 += 1;
@@ -105,6 +172,11 @@ impl Flags {
             .filter_map(|flag| Some(issue(table, flag, flag.marked()?)))
             .collect()
     }
+}
+
+/// Whether a cell is a number, which is no remark.
+fn is_number(cell: &str) -> bool {
+    cell.starts_with(|c: char| c.is_ascii_digit() || c == '-')
 }
 
 fn issue(table: &Table, flag: &Flag, marked: &Marked) -> (Issue, Option<usize>) {
@@ -127,7 +199,17 @@ impl Flag {
         if self.put_aside.is_some() {
             return self.put_aside.as_ref();
         }
+        let failed = self.failed.as_ref().filter(|_| self.has_others);
+        let no_weight = self.no_weight.as_ref().filter(|_| self.has_weight);
+        if let Some(marked) = failed.or(no_weight) {
+            return Some(marked);
+        }
         let is_mark = |value: &String| value.is_empty() || MARKS.contains(&value.as_str());
+        let are_judgements = || {
+            let mut values = self.values.keys();
+            values.all(|value| is_one_of(JUDGEMENTS, value))
+        };
+        let is_named = self.is_named || self.is_result && are_judgements();
         let is_measured = |value: &String| value.contains(['.', ',']);
         // no sample at all is a flag
         let is_count = |value: &String| value.parse::<u32>().is_ok_and(|number| number > 0);
@@ -138,7 +220,7 @@ impl Flag {
         let all = self.values.values();
         let rarest = all.min_by_key(|(n, first)| (*n, std::cmp::Reverse(first.row)));
         rarest
-            .filter(|_| are_few && self.is_named && !are_counts || are_marks)
+            .filter(|_| are_few && is_named && !are_counts || are_marks)
             .map(|(_, first)| first)
     }
 }

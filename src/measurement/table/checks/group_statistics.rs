@@ -3,7 +3,9 @@
 
 use crate::measurement::issue::Issue;
 use crate::measurement::set::{Configurations, Point};
-use crate::measurement::table::checks::statistics::{Column, NAMES, ROUNDED, values};
+use crate::measurement::table::checks::statistics::{
+    Column, MAX_DECIMALS, NAMES, ROUNDED, decimals, values,
+};
 use std::collections::BTreeMap;
 use std::ops::Range;
 
@@ -17,8 +19,6 @@ const MAX_PERIOD: usize = 30;
 const SAME_POSE_DEG: f64 = 0.1;
 /// Number of groups that are looked at. A habit of the file shows in the first ones.
 const MAX_GROUPS: usize = 1000;
-/// Maximum number of decimals that are counted. Values with more are exact.
-const MAX_DECIMALS: usize = 6;
 /// Probability, as a power of ten, with which measurements may look like statistics.
 const FALSE_ALARM: f64 = -9.0;
 /// A hit with a larger probability is no evidence: it may be the resolution of the file.
@@ -306,15 +306,4 @@ impl Table {
         }
         Some((names, evidence))
     }
-}
-
-/// Number of decimals of a value; one more than [`MAX_DECIMALS`] if it has more.
-fn decimals(value: f64) -> usize {
-    let is_whole = |decimals: &usize| {
-        let scaled = value * libm::pow(10.0, *decimals as f64);
-        (scaled - scaled.round()).abs() < 1e-4
-    };
-    (0..=MAX_DECIMALS)
-        .find(is_whole)
-        .unwrap_or(MAX_DECIMALS + 1)
 }

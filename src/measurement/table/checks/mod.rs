@@ -2,6 +2,7 @@
 
 pub mod flags;
 mod group_statistics;
+pub mod names;
 mod not_measured;
 pub mod reflectors;
 pub mod repeats;

@@ -27,7 +27,7 @@ pub const ROUNDED: f64 = 0.006;
 const MIN_SPREAD: f64 = 100.0;
 
 /// The statistics that reports print: name, and whether the values alone tell it from a measurement. A first pose may be the minimum of all columns.
-pub const NAMES: [(&str, bool); 8] = [
+pub const NAMES: [(&str, bool); 9] = [
     ("mean", true),
     ("standard deviation", true),
     ("standard deviation", true),
@@ -36,13 +36,44 @@ pub const NAMES: [(&str, bool); 8] = [
     ("sum", true),
     ("minimum", false),
     ("maximum", false),
+    ("median", false),
 ];
+/// The place of the median in [`NAMES`].
+const MEDIAN: usize = 8;
+/// A row that is the median of all columns and no repetition of one pose is farther from each of the others, degrees or mm.
+const SAME_ROW: f64 = 0.5;
+/// Minimum number of joints that tell a row of tolerances, which has one number in all of them.
+const MIN_JOINTS: usize = 3;
+/// Maximum number of decimals that are counted. Values with more are exact.
+pub const MAX_DECIMALS: usize = 6;
+
+/// Number of decimals of a value; one more than [`MAX_DECIMALS`] if it has more.
+pub fn decimals(value: f64) -> usize {
+    let is_whole = |decimals: &usize| {
+        let scaled = value * libm::pow(10.0, *decimals as f64);
+        (scaled - scaled.round()).abs() < 1e-4
+    };
+    (0..=MAX_DECIMALS)
+        .find(is_whole)
+        .unwrap_or(MAX_DECIMALS + 1)
+}
+
+/// The largest difference between some cells of a row and exact statistics: half the last digit of a row that was rounded.
+fn rounding(cells: &[f64]) -> f64 {
+    let most = cells.iter().map(|cell| decimals(*cell)).max().unwrap_or(0);
+    ROUNDED.max(0.5 * libm::pow(10.0, -(most as f64)) + 1e-6)
+}
+
+/// Whether a row has one number in all joints and one in all coordinates: tolerances, or a number of rows.
+fn is_alike(row: &[f64]) -> bool {
+    let (joints, position) = row.split_at(row.len() - 3);
+    let are_one = |cells: &[f64]| cells.iter().all(|cell| (cell - cells[0]).abs() < 1e-9);
+    joints.len() >= MIN_JOINTS && are_one(joints) && are_one(position)
+}
 
 /// Statistics of one column, in the order of [`NAMES`].
 pub struct Column {
     pub statistics: [f64; NAMES.len()],
-    /// Whether the column tells statistics from measurements. A joint that stood still is the same in all rows.
-    spreads: bool,
 }
 
 impl Column {
@@ -55,7 +86,8 @@ impl Column {
         let squares = square_sum(&mut values.clone().map(|value| value - sum / n));
         let square_sum = square_sum(&mut values.clone());
         let least = values.clone().fold(f64::INFINITY, f64::min);
-        let largest = values.fold(f64::NEG_INFINITY, f64::max);
+        let largest = values.clone().fold(f64::NEG_INFINITY, f64::max);
+        let sorted: Vec<f64> = values.collect();
         Self {
             statistics: [
                 sum / n,
@@ -66,14 +98,31 @@ impl Column {
                 sum,
                 least,
                 largest,
+                median(sorted),
             ],
-            spreads: largest - least > MIN_SPREAD * ROUNDED,
         }
+    }
+
+    /// Whether the column tells statistics from measurements. A joint that stood still is the same in all rows.
+    fn spreads(&self, rounding: f64) -> bool {
+        self.range() > MIN_SPREAD * rounding
     }
 
     /// The difference between the largest and the least value.
     pub fn range(&self) -> f64 {
         self.statistics[4]
+    }
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    let n = values.len();
+    if n == 0 {
+        return f64::NAN;
+    }
+    let (below, upper, _) = values.select_nth_unstable_by(n / 2, f64::total_cmp);
+    match n % 2 {
+        1 => *upper,
+        _ => (*upper + below.iter().copied().fold(f64::NEG_INFINITY, f64::max)) / 2.0,
     }
 }
 
@@ -87,13 +136,20 @@ pub fn values(point: &Point) -> Vec<f64> {
 /// or leave it out.
 pub fn statistics(points: &[Point]) -> Vec<Issue> {
     let issue = |(at, name): (usize, &str)| {
+        let what = match name {
+            TOLERANCES => "has one number in all joints and one in all coordinates, as a row of tolerances or counts has".to_owned(),
+            name => format!("is the {name} of the other rows in every column"),
+        };
         let detail = format!(
-            "row {at} is the {name} of the other rows in every column: a row of statistics is no measurement; remove it, or put # before it"
+            "row {at} {what}: a row of statistics is no measurement; remove it, or put # before it"
         );
         Issue::new("summary_row", detail).in_row(at)
     };
     rows_of_statistics(points).into_iter().map(issue).collect()
 }
+
+/// Name of a row with one number in all joints and one in all coordinates.
+const TOLERANCES: &str = "tolerances";
 
 fn rows_of_statistics(points: &[Point]) -> Vec<(usize, &'static str)> {
     let rows: Vec<Vec<f64>> = points.iter().map(values).collect();
@@ -116,28 +172,57 @@ fn rows_of_statistics(points: &[Point]) -> Vec<(usize, &'static str)> {
 /// The names of the statistics that these rows are; none if one of them is none.
 fn names_of(block: &[Vec<f64>], measured: &[Vec<f64>]) -> Option<Vec<&'static str>> {
     let n_columns = measured[0].len();
+    let first_of_position = n_columns - 3;
+    let are_alike: Vec<bool> = block.iter().map(|row| is_alike(row)).collect();
+    let roundings: Vec<[f64; 2]> = (block.iter())
+        .map(|row| {
+            let (joints, position) = row.split_at(first_of_position);
+            [rounding(joints), rounding(position)]
+        })
+        .collect();
     let mut possible = vec![[true; NAMES.len()]; block.len()];
     let (mut n_spread, mut n_of_position) = (0, 0);
     for at in 0..n_columns {
         let column = Column::new(measured.iter().map(|row| row[at]));
-        for (row, possible) in block.iter().zip(&mut possible) {
+        let is_of_position = at >= first_of_position;
+        let mut coarsest: f64 = ROUNDED;
+        let rows = block.iter().zip(&mut possible).zip(&roundings);
+        let rows = rows.zip(&are_alike).filter(|(_, alike)| !**alike);
+        for (((row, possible), rounding), _) in rows {
+            let rounding = rounding[usize::from(is_of_position)];
+            coarsest = coarsest.max(rounding);
             for (possible, statistic) in possible.iter_mut().zip(column.statistics) {
-                *possible &= (row[at] - statistic).abs() <= ROUNDED;
+                *possible &= (row[at] - statistic).abs() <= rounding;
             }
             if !possible.contains(&true) {
                 return None;
             }
         }
-        n_spread += usize::from(column.spreads);
-        n_of_position += usize::from(column.spreads && at + 3 >= n_columns);
+        let spreads = column.spreads(coarsest);
+        n_spread += usize::from(spreads);
+        n_of_position += usize::from(spreads && is_of_position);
     }
-    let found = possible
-        .iter()
-        .filter_map(|row| row.iter().position(|is| *is));
-    let (names, is_told): (Vec<&str>, Vec<bool>) = found.map(|which| NAMES[which]).unzip();
-    let has_extremes = names.contains(&"minimum") && names.contains(&"maximum");
-    let is_told = is_told.contains(&true) || has_extremes;
+    let mut names = Vec::new();
+    let mut is_told = false;
+    for ((row, possible), is_alike) in block.iter().zip(possible).zip(are_alike) {
+        if is_alike {
+            names.push(TOLERANCES);
+            is_told = true;
+            continue;
+        }
+        let which = possible.iter().position(|is| *is)?;
+        names.push(NAMES[which].0);
+        // of a pose to which a robot returned again and again, every row is the median
+        is_told |= NAMES[which].1 || which == MEDIAN && !is_repeated(row, measured);
+    }
+    is_told |= names.contains(&"minimum") && names.contains(&"maximum");
     (is_told && n_spread >= 3 && n_of_position >= 2).then_some(names)
+}
+
+/// Whether another row has nearly the same values in all columns.
+fn is_repeated(row: &[f64], others: &[Vec<f64>]) -> bool {
+    let is_near = |other: &Vec<f64>| (row.iter().zip(other)).all(|(a, b)| (a - b).abs() < SAME_ROW);
+    others.iter().any(is_near)
 }
 
 #[cfg(test)]
