@@ -119,7 +119,7 @@ pub fn xlsx_of_cells(rows: &[Vec<String>], cell: impl Fn(usize, &str, &str) -> S
             "xl/_rels/workbook.xml.rels",
             relations(
                 relation(1, "worksheet", "worksheets/sheet1.xml")
-                    + &relation(2, "styles", "styles.xml"),
+                    + relation(2, "styles", "styles.xml").as_str(),
             ),
         ),
         (

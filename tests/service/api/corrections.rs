@@ -187,7 +187,11 @@ async fn corrections_come_with_their_evidence_and_stand_apart_from_the_links() {
         .collect();
     let predicted = cell
         .app
-        .post(&format!("{set}/predict"), &json!({"q_deg": poses}))
+        .post(
+            &format!("{set}/predict"),
+            "application/json",
+            json!({"q_deg": poses}).to_string(),
+        )
         .await
         .ok(200);
     let std_mm: Vec<f64> = serde_json::from_value(predicted["position_std_mm"].clone()).unwrap();
