@@ -66,7 +66,9 @@ FAULTS = [
     Fault("a mean without a name is a measurement", "core", "rows_of_statistics_are_no", [
         ("(is_told && n_spread >= 3 && n_of_position >= 2)", "(is_told && n_spread >= 300 && n_of_position >= 2)")], "src/measurement"),
     Fault("a target that was mounted anew is shared", "core", "a_target_of_one_name_that_was_mounted_anew", [
-        ("tested.filter(|tested| tested.probability < alarm)", "tested.filter(|tested| tested.probability < 0.0 * alarm)")], "src/calibration"),
+        ("shared_targets_agree(request, &estimates, alarm)?;", "shared_targets_agree(request, &estimates, 0.0 * alarm)?;")], "src/calibration"),
+    Fault("a base that moved is shared", "core", "sessions_in_the_base_frame_are_refused_if_the_base_moved", [
+        ("bases_agree(request, &estimates, alarm)?;", "")], "src/calibration"),
     Fault("a base points into the floor", "core", "the_base_of_a_description_is_upright", [
         ("axes[0].direction.z < ROUNDING - 1.0", "axes[0].direction.z < NOTHING - 2.0")], "src/exchange"),
     Fault("clocks with two differences are taken", "core", "what_cannot_be_joined_says", [
@@ -142,7 +144,7 @@ FAULTS = [
     Fault("two robots are fitted together", "core", "two_robots_of_one_model_are_never_fitted_together", [
         ("if tested.probability < alarm {", "if false && tested.probability < alarm {")], "src/calibration"),
     Fault("only the first session is compared", "core", "a_joint_that_moved_between_the_sessions_is_named", [
-        ("for (earlier, later) in pairs(estimates.len()) {", "for (earlier, later) in pairs(estimates.len()).filter(|(_, later)| *later == 1) {")],
+        ("pooled(&estimates, alarm).map_err", "pooled(&estimates[..2], alarm).map_err")],
         "src/calibration"),
     Fault("corrections are judged within sessions", "core", "corrections_are_judged_on_sessions_that_were_not_fitted", [
         ("point.session = Some(name.clone());", "point.session = None;")], "src/measurement"),
@@ -401,7 +403,7 @@ FAULTS = [
     Fault("a short row may lack any cell", "core", "a_short_row_whose_remark_is_a_number", [
         ("if n_cells < ends.n_named {", "if n_cells < ends.n_read {")], "src/measurement"),
     Fault("rows that a filter hides are measurements", "core", "hidden_rows_of_a_workbook", [
-        ("refuse_hidden_rows(&sheet)?;", "")], "src/wire"),
+        ("refuse_marked_rows(&sheet)?;", "")], "src/wire"),
     Fault("a table counts twice", "core", "a_table_that_stands_twice", [
         ("found = repeats::repeats(points);", "")], "src/measurement"),
     Fault("thousands are columns", "core", "numbers_that_are_split", [

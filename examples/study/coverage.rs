@@ -23,6 +23,8 @@ use std::ops::ControlFlow;
 const N_RATIOS: u64 = 100;
 /// Robots per row of the third table.
 const N_OF_JOINTS: u64 = 40;
+/// Robots per row of the fourth table.
+const N_CORRECTED: u64 = 24;
 /// Poses that no fit has seen, per robot.
 const N_UNSEEN: usize = 200;
 
@@ -344,7 +346,7 @@ fn of_joints() {
 /// The fourth table: predictions with corrections.
 fn of_corrections() {
     println!(
-        "\n## Predictions with corrections\n\n{CORRECTED}\n| {N_RATIOS} robots each | poses | stated / true, median (10 % to 90 %) | stated, median | true, \
+        "\n## Predictions with corrections\n\n{CORRECTED}\n| {N_CORRECTED} robots each | poses | stated / true, median (10 % to 90 %) | stated, median | true, \
          median | nothing stated |\n|---|---|---|---|---|---|"
     );
     let none = NonlinearErrors::NONE;
@@ -413,7 +415,7 @@ fn of_corrections() {
                 let found = identified(&nominal, &campaign, &errors, seed, N_UNSEEN);
                 (found.stated_mm, found.corrected_mm)
             };
-            let all: Vec<(Option<f64>, f64)> = (0..N_RATIOS).map(robot).collect();
+            let all: Vec<(Option<f64>, f64)> = (0..N_CORRECTED).map(robot).collect();
             println!("| {name} | {n_configurations} {}", summary(&all));
         }
     }

@@ -1,7 +1,7 @@
 //! External axes of a program, such as a track under the robot. They are not read; a program is refused if one of them moves between its points.
 
 use crate::measurement::programs::point::{Point, Reason};
-use crate::measurement::programs::{Program, Unread};
+use crate::measurement::programs::program::{Program, Unread};
 use std::collections::BTreeMap;
 
 /// An axis that moves by more between the points, mm or degrees, does not stand still.

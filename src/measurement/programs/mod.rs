@@ -6,10 +6,12 @@ mod external_axes;
 mod fanuc;
 mod kuka;
 mod point;
+mod program;
 mod text;
 mod universal_robots;
 
 pub use point::{Point, Reason};
+pub use program::{Language, Program, ProgramRows, Unread};
 
 use crate::measurement::issue::{ParseError, whole};
 use external_axes::external_axes;
@@ -17,69 +19,6 @@ use point::Found;
 
 /// Number of points that a refusal names.
 const MAX_NAMED: usize = 5;
-
-/// Language of a program.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Language {
-    /// KRL.
-    Kuka,
-    /// RAPID.
-    Abb,
-    /// A listing of a TP program.
-    Fanuc,
-}
-
-impl Language {
-    /// What to export in place of Cartesian points.
-    fn remedy(self) -> &'static str {
-        match self {
-            Self::Kuka => "Declare them as joint values (E6AXIS), or log $AXIS_ACT at each of them",
-            Self::Abb => {
-                "Write them as jointtarget (CJointT() or CalcJointT), or log the joint values at each of them"
-            }
-            Self::Fanuc => {
-                "Change the representation of the positions to joint values (POSITION, REPRE, Joint) and export the listing again"
-            }
-        }
-    }
-}
-
-/// A point that is not read.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Unread {
-    /// The line on which it begins, counted from 1.
-    pub line: usize,
-    /// Its name.
-    pub name: String,
-    /// Why it is not read.
-    pub reason: Reason,
-}
-
-/// A robot program.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Program {
-    /// Its language.
-    pub language: Language,
-    /// The points whose joint values are numbers, in their order.
-    pub points: Vec<Point>,
-    /// The line on which each of these points begins, counted from 1.
-    pub lines: Vec<usize>,
-    /// The points that are not read.
-    pub unread: Vec<Unread>,
-}
-
-/// What a table that was made from a program does not show.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct ProgramRows {
-    /// The line of each point in the program, counted from 1.
-    pub lines: Vec<usize>,
-    /// The points that are not read.
-    pub unread: Vec<Unread>,
-    /// Number of lines on which no point begins.
-    pub n_other_lines: usize,
-    /// Why the program is refused when it is uploaded: an external axis moves between its points.
-    pub moving_axis: Option<String>,
-}
 
 /// Finds the points of a program. None if the text is not a known program.
 ///
@@ -300,10 +239,10 @@ mod tests {
             PTP_REL {A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\nPTP {A1 5}\n\
             DECL MYLIMIT LIM={A1 170,A2 1,A3 1,A4 1,A5 1,A6 1}\nIF $AXIS_ACT=={A1 1,A2 2,A3 3,A4 4,A5 5,A6 6} THEN\nENDDAT\n";
         assert_eq!(rows(text), ["4: P2 2 1.5 -90.0 90 0.0 -1E1 0.25"]);
-        let text = "DECL E6AXIS CALP[40]\nDECL MYLIMIT LIM[2]\nCALP[1]={E6AXIS: A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\nCALP[2]={A1 2,A2 2,A3 3,A4 4,A5 5,A6 6,E1 0}\n\
+        let arrays = "DECL E6AXIS CALP[40]\nDECL MYLIMIT LIM[2]\nCALP[1]={E6AXIS: A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\nCALP[2]={A1 2,A2 2,A3 3,A4 4,A5 5,A6 6,E1 0}\n\
             LIM[1]={A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\nP7={A1 3,A2 2,A3 3,A4 4,A5 5,A6 6}\n";
         assert_eq!(
-            rows(text),
+            rows(arrays),
             [
                 "3: CALP[1] 1 1 2 3 4 5 6",
                 "4: CALP[2] 2 2 2 3 4 5 6",

@@ -1,6 +1,6 @@
 //! Joint values of URScript and of plain lists: `P1=[0.1, -1.57, …]`. The lists of a script that has `movej` are radians; a plain list names no unit.
 
-use crate::measurement::programs::ProgramRows;
+use crate::measurement::programs::program::ProgramRows;
 use crate::measurement::programs::text::{code, is_number, is_word};
 
 /// Number of axes of these arms.

@@ -181,10 +181,8 @@ async fn corrections_come_with_their_evidence_and_stand_apart_from_the_links() {
     }
 
     // Predictions are as uncertain as links and corrections are, not as the links alone.
-    let poses: Vec<&Value> = (report["per_point"].as_array().unwrap().iter())
-        .map(|point| &point["q_deg"])
-        .take(20)
-        .collect();
+    let in_degrees = |q: &Vec<f64>| q.iter().map(|rad| rad.to_degrees()).collect();
+    let poses: Vec<Vec<f64>> = cell.unseen.iter().map(in_degrees).collect();
     let predicted = cell
         .app
         .post(
