@@ -11,6 +11,7 @@ use crate::identification::statistics::changes::Estimate;
 use crate::identification::statistics::corrected_errors::CorrectedErrors;
 use crate::identification::statistics::misfit::{Following, Misfit};
 use crate::identification::statistics::uncertainty::Uncertainty;
+use crate::kinematics::corrections::HARMONIC_ORDERS;
 use crate::kinematics::{Link, Mounting};
 use crate::wire::canonical::canonical_sha256;
 use crate::wire::robot::RobotBody;
@@ -177,15 +178,42 @@ impl From<&Uncertainty> for StoredUncertainty {
 
 impl StoredUncertainty {
     /// `all` are the parameters that names may stand for.
-    fn uncertainty(&self, all: &[Parameter]) -> Result<Uncertainty, String> {
+    fn uncertainty(
+        &self,
+        all: &[Parameter],
+        model: &KinematicModel,
+    ) -> Result<Uncertainty, String> {
         let (root, of_noise) = (self.root.matrix()?, self.of_noise.matrix()?);
         let n = self.prior_std.len();
         let n_identified = self.n_parameters.saturating_add(self.n_terms);
         if root.nrows() != n || of_noise.nrows() != n || n_identified > n {
             return Err("the matrices have another number of rows than there are priors".into());
         }
+        let n_joints = model.links.len();
         let followings = self.followings.iter();
         let followings = followings.map(|&(joint, followed)| Following { joint, followed });
+        let mut features = Misfit {
+            gravity: self.gravity.iter().map(|g| Vector3::from(*g)).collect(),
+            followings: followings.collect(),
+            harmonics: self.harmonics.clone(),
+            held: named(&self.held, all)?,
+        };
+        let is_of_arm = |f: &Following| f.joint < n_joints && f.followed < n_joints;
+        if !features.followings.iter().all(is_of_arm) {
+            return Err("a joint follows another one that the robot does not have".into());
+        }
+        if n == n_identified {
+            // older versions stored the sources of a misfit that was not significant
+            features = Misfit {
+                gravity: vec![],
+                followings: vec![],
+                harmonics: vec![],
+                held: vec![],
+            };
+        }
+        if features.features(model, [].into_iter()).ncols() != n - n_identified {
+            return Err("the matrices have another number of rows than the misfit".into());
+        }
         Ok(Uncertainty {
             noise_std_mm: self.noise_std_mm,
             configuration_std_mm: self.configuration_std_mm,
@@ -193,12 +221,7 @@ impl StoredUncertainty {
             root,
             of_noise,
             prior_std: self.prior_std.clone(),
-            features: Misfit {
-                gravity: self.gravity.iter().map(|g| Vector3::from(*g)).collect(),
-                followings: followings.collect(),
-                harmonics: self.harmonics.clone(),
-                held: named(&self.held, all)?,
-            },
+            features,
             n_parameters: self.n_parameters,
             n_terms: self.n_terms,
             freedom: self.freedom,
@@ -228,10 +251,11 @@ impl From<&CorrectedErrors> for StoredCorrectedErrors {
 }
 
 impl StoredCorrectedErrors {
-    fn errors(&self, all: &[Parameter]) -> Result<CorrectedErrors, String> {
-        let uncertainty = self.uncertainty.uncertainty(all)?;
-        if uncertainty.n_terms != self.terms.len() {
-            return Err("the corrections have another number of terms than their errors".into());
+    fn errors(&self, all: &[Parameter], model: &KinematicModel) -> Result<CorrectedErrors, String> {
+        let uncertainty = self.uncertainty.uncertainty(all, model)?;
+        let is_of_arm = |term: &StoredTerm| term.is_of_arm(model.links.len());
+        if uncertainty.n_terms != self.terms.len() || !self.terms.iter().all(is_of_arm) {
+            return Err("the corrections have other terms than their errors".into());
         }
         Ok(CorrectedErrors {
             terms: self.terms.iter().map(|term| (*term).into()).collect(),
@@ -241,6 +265,20 @@ impl StoredCorrectedErrors {
             },
             uncertainty,
         })
+    }
+}
+
+impl StoredTerm {
+    fn is_of_arm(&self, n_links: usize) -> bool {
+        match *self {
+            Self::Joint(link, axis) | Self::FirstMoment(link, axis) => link < n_links && axis < 3,
+            Self::Base(axis) => axis < 3,
+            Self::Mass(link) => link < n_links,
+            Self::Gravity(axis) => axis < 2,
+            Self::Harmonic(joint, order, phase) => {
+                joint < n_links && order < HARMONIC_ORDERS && phase < 2
+            }
+        }
     }
 }
 
@@ -317,23 +355,31 @@ impl TryFrom<&StoredEstimate> for Estimate {
             Rotation3::from_matrix_unchecked(Matrix3::from_fn(|i, j| rows[i][j]))
         };
         let corrected = stored.corrected.as_ref();
+        let model = KinematicModel {
+            t_instrument_base: IsometryMatrix3::from_parts(
+                Translation3::from(Vector3::from(stored.translation_mm)),
+                rotation(&stored.rotation),
+            ),
+            links: stored.links.iter().copied().map(link).collect(),
+            targets_mm: stored
+                .targets_mm
+                .iter()
+                .map(|t| Vector3::from(*t))
+                .collect(),
+            target_rotations: stored.target_rotations.iter().map(rotation).collect(),
+        };
+        let parameters = named(&stored.parameters, &all)?;
+        let uncertainty = stored.uncertainty.uncertainty(&all, &model)?;
+        if parameters.len() != uncertainty.n_parameters {
+            return Err("the matrices belong to another number of parameters".into());
+        }
         Ok(Self {
-            parameters: named(&stored.parameters, &all)?,
-            model: KinematicModel {
-                t_instrument_base: IsometryMatrix3::from_parts(
-                    Translation3::from(Vector3::from(stored.translation_mm)),
-                    rotation(&stored.rotation),
-                ),
-                links: stored.links.iter().copied().map(link).collect(),
-                targets_mm: stored
-                    .targets_mm
-                    .iter()
-                    .map(|t| Vector3::from(*t))
-                    .collect(),
-                target_rotations: stored.target_rotations.iter().map(rotation).collect(),
-            },
-            uncertainty: stored.uncertainty.uncertainty(&all)?,
-            corrected: corrected.map(|errors| errors.errors(&all)).transpose()?,
+            parameters,
+            uncertainty,
+            corrected: corrected
+                .map(|errors| errors.errors(&all, &model))
+                .transpose()?,
+            model,
             noise: Noise {
                 std_mm: stored.noise_std_mm,
                 freedom: stored.noise_freedom,

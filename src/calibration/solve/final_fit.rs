@@ -204,9 +204,9 @@ impl<'a> Problem<'a> {
             priors: None,
             ..self.clone()
         };
-        problem.priors = stated_priors(&problem, watch)?;
         // all points tell more of the noise of positions and rotations than the identify subset alone
         weigh(&mut problem, watch);
+        problem.priors = stated_priors(&problem, watch)?;
         Ok(problem.decomposed_with_tool_of(model))
     }
 }

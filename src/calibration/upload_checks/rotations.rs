@@ -24,6 +24,8 @@ const FITS_RAD: f64 = std::f64::consts::PI / 180.0;
 pub const OFF_RAD: f64 = 5.0 * FITS_RAD;
 /// Four of five angles are below this many times a stated standard deviation of one component; by noise alone they are below 2.2 times.
 const STATED_STDS: f64 = 4.0;
+/// Rotations that fit to this angle are read rightly, rad (0.02°): less is noise, or rounding where several conventions are the same rotation.
+const NOISE_RAD: f64 = 0.02 * FITS_RAD;
 /// Another reading has to fit better by this factor.
 const MIN_IMPROVEMENT: f64 = 5.0;
 
@@ -49,7 +51,7 @@ pub fn suspicion(robot: &Robot, set: &MeasurementSet) -> Option<String> {
         OFF_RAD.max(STATED_STDS * std_rad),
     );
     // where the target turns little, a wrong convention is off by little, too
-    let another = in_another_reading(&placed, &poses, &stated, own_rad);
+    let another = in_another_reading(&placed, &poses, &stated, own_rad, std_rad);
     if own_rad <= fits_rad {
         return another;
     }
@@ -95,7 +97,8 @@ pub fn better_reading(robot: &Robot, set: &MeasurementSet) -> Option<String> {
     let stated: Option<Vec<Rotation3<f64>>> = poses.iter().map(|p| p.rotation).collect();
     let (stated, placed) = (stated?, Placed::nominal(robot, set, &poses));
     let own_rad = placed.most_rad(&poses, &stated)?;
-    in_another_reading(&placed, &poses, &stated, own_rad)
+    let std_rad = set.stated_rotation_std_rad();
+    in_another_reading(&placed, &poses, &stated, own_rad, std_rad)
 }
 
 fn off_by(own_rad: f64) -> String {
@@ -111,7 +114,11 @@ fn in_another_reading(
     poses: &[&Point],
     stated: &[Rotation3<f64>],
     own_rad: f64,
+    std_rad: f64,
 ) -> Option<String> {
+    if own_rad <= NOISE_RAD.max(STATED_STDS * std_rad) {
+        return None;
+    }
     let are_angles = poses.iter().all(|p| p.rotation_angles_rad.is_some());
     let inverse = "the inverse rotation (the measuring frame as the target sees it)";
     let name = if are_angles || placed.base.is_some() {

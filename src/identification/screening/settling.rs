@@ -20,6 +20,8 @@ const FALSE_ALARMS: f64 = 0.002;
 const N_TESTS: f64 = 2.0;
 /// Maximum number of visits that are used, evenly selected.
 const MAX_VISITS: usize = 40;
+/// Maximum number of points of a visit that are used, evenly selected: its mean is then known well enough beside the spread of the visits.
+const MAX_OF_VISIT: usize = 25;
 /// Standard deviation of a coordinate by the robot's repeatability, as a share of the reach. Makers state repeatabilities up to 1e-4 of the reach; by
 /// ISO 9283 that is the mean distance and three of its standard deviations: 3.6 standard deviations of a coordinate.
 pub(super) const REPEATABILITY_PER_REACH: f64 = 1e-4 / 3.6;
@@ -79,7 +81,12 @@ impl Visits<'_> {
         let several = visits(self.clusters).into_iter().filter(|v| v.len() > 1);
         let several: Vec<Vec<usize>> = several.collect();
         let every = several.len().div_ceil(MAX_VISITS).max(1);
-        let visits: Vec<Vec<usize>> = several.into_iter().step_by(every).collect();
+        let thinned = |visit: Vec<usize>| -> Vec<usize> {
+            let every = visit.len().div_ceil(MAX_OF_VISIT);
+            visit.into_iter().step_by(every).collect()
+        };
+        let visits = several.into_iter().step_by(every).map(thinned);
+        let visits: Vec<Vec<usize>> = visits.collect();
         let points: Vec<usize> = visits.concat();
         let n_joints = self.joints.first()?.ncols();
         if points.is_empty() || !self.watch.goes_on() {
