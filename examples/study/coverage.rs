@@ -462,34 +462,6 @@ fn measured_halves() {
         };
         // a point scatters by what its configuration shares, too
         let scatter_mm = of_noise.noise_std_mm.hypot(of_noise.configuration_std_mm);
-        let (mut stated, mut differ, mut missed, mut inside) = (0.0, 0.0, 0.0, 0);
-        let of_noise = match &estimate.corrected {
-            Some(corrected) => &corrected.uncertainty,
-            None => &estimate.uncertainty,
-        };
-        // a point scatters by what its configuration shares, too
-        let scatter_mm = of_noise.noise_std_mm.hypot(of_noise.configuration_std_mm);
-        eprintln!(
-            "{seed} network {:?} {:?} {:?} noise {} conf {} misfit {} free {}",
-            own.0
-                .corrected
-                .as_ref()
-                .map(|c| c.corrections.residual.is_some()),
-            own.0.corrections.as_ref().map(|c| c
-                .iter()
-                .filter(|e| e.kept)
-                .map(|e| e.kind.clone())
-                .collect::<Vec<_>>()),
-            other.0.corrections.as_ref().map(|c| c
-                .iter()
-                .filter(|e| e.kept)
-                .map(|e| e.kind.clone())
-                .collect::<Vec<_>>()),
-            of_noise.noise_std_mm,
-            of_noise.configuration_std_mm,
-            of_noise.misfit_std_rad,
-            of_noise.freedom
-        );
         for point in &other.1 {
             let (q, target) = (&point.q_rad, point.target);
             let std_mm = estimate.predicted_std_mm(&here, q, target);

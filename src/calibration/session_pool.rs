@@ -186,15 +186,14 @@ pub fn compare_sessions(
         }
         let alarm = share_of_alarms(request);
         shared_targets_agree(request, &estimates, alarm)?;
-        let pool = pooled(&estimates, alarm).map_err(|error| match error {
+        bases_agree(request, &estimates, alarm)?;
+        pooled(&estimates, alarm).map_err(|error| match error {
             Error::Unusable { code, detail } => Error::Unusable {
                 code,
                 detail: detail + &scale_remark(request),
             },
             other => other,
-        })?;
-        bases_agree(request, &estimates, alarm)?;
-        Ok(pool)
+        })
     });
     pool.map(Some)
 }

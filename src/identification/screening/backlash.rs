@@ -10,7 +10,7 @@
 //! moves all poses alike, and a joint moves each in its own direction: F has to be larger than with the joint's effects exchanged between poses.
 
 use crate::identification::screening::outliers::Linearised;
-use crate::identification::screening::row_order::{holds_in_random_orders, visits};
+use crate::identification::screening::row_order::holds_in_random_orders;
 use crate::identification::screening::settling::REPEATABILITY_PER_REACH;
 use crate::identification::screening::whitening::Whitened;
 use crate::identification::statistics::distributions::{chi_square_quantile, f_tail};
@@ -241,19 +241,13 @@ impl Approaches<'_> {
         })
     }
 
-    /// The visits of each configuration and target, where there are several: the first point of each, as readings of one visit come from one side.
+    /// Points of the same target in the same configuration, where there are several.
     fn poses(&self) -> Vec<Vec<usize>> {
-        let mut firsts: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
-        for visit in visits(self.clusters) {
-            let mut known = BTreeSet::new();
-            for place in visit {
-                if known.insert(self.targets[place]) {
-                    let key = (self.clusters[place], self.targets[place]);
-                    firsts.entry(key).or_default().push(place);
-                }
-            }
+        let mut visits: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
+        for (place, key) in self.clusters.iter().zip(self.targets).enumerate() {
+            visits.entry((*key.0, *key.1)).or_default().push(place);
         }
-        firsts
+        visits
             .into_values()
             .filter(|visits| visits.len() > 1)
             .collect()
@@ -305,14 +299,6 @@ impl Approaches<'_> {
             let mean = visits.iter().map(|i| along(*i)).sum::<f64>() / visits.len() as f64;
             for i in visits {
                 halves[*i] = 0.5 * (along(*i) - mean).signum();
-            }
-        }
-        // all readings of a visit come from one side
-        for visit in visits(self.clusters) {
-            let mut of_first = BTreeMap::new();
-            for place in visit {
-                let half = *of_first.entry(self.targets[place]).or_insert(halves[place]);
-                halves[place] = half;
             }
         }
         halves

@@ -55,7 +55,8 @@ fn rows_that_failed_are_not_taken_silently() {
 
 #[test]
 fn points_whose_names_say_that_they_do_not_count_are_not_taken_silently() {
-    let names: [(&str, fn(usize) -> Vec<String>); 3] = [
+    type NamesOfRow = fn(usize) -> Vec<String>;
+    let names: [(&str, NamesOfRow); 3] = [
         ("BAD_P5", |row| {
             vec![if row == 4 {
                 "BAD_P5".into()
@@ -148,8 +149,11 @@ fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt()
 }
 
+/// The cell of a column, from its number and its values.
+type Cell<'a> = &'a dyn Fn(usize, &[f64]) -> String;
+
 /// Rows behind the table, of the values of each column.
-fn with_rows(rows: &[&dyn Fn(usize, &[f64]) -> String]) -> String {
+fn with_rows(rows: &[Cell<'_>]) -> String {
     let column = |at: usize| -> Vec<f64> {
         let rows = truth().into_iter();
         rows.map(|(q, p)| if at < 6 { q[at] } else { p[at - 6] })
@@ -173,7 +177,7 @@ fn statistics_and_tolerances_without_a_name_are_no_measurements() {
         (exact(mean), exact(deviation), exact(median), exact(rms));
     let rounded = |_: usize, values: &[f64]| format!("{:.0}", mean(values));
     let one = |_: usize, values: &[f64]| format!("{:.1}", mean(values));
-    let cases: [(&str, &str, &[&dyn Fn(usize, &[f64]) -> String]); 8] = [
+    let cases: [(&str, &str, &[Cell<'_>]); 8] = [
         (
             "mean and tolerance",
             "row 9 is the mean",

@@ -62,7 +62,8 @@ fn a_second_position_is_asked_for() {
 #[test]
 fn columns_that_are_plainly_no_measured_position_are_left_aside() {
     type Name = fn(&str) -> String;
-    let names: [(Name, fn([f64; 3]) -> [f64; 3]); 10] = [
+    type Moved = fn([f64; 3]) -> [f64; 3];
+    let names: [(Name, Moved); 10] = [
         (|axis| format!("d{axis} [mm]"), in_another_frame),
         (|axis| format!("Nominal {axis} [mm]"), in_another_frame),
         (|axis| format!("{axis}_nom [mm]"), in_another_frame),
@@ -118,7 +119,8 @@ fn second_joint_values_are_asked_for() {
     let text = with_joints(&radians, |deg| deg.to_radians() + 1e-4);
     refused_as("radians", &text, "duplicate_column", "may both be q1");
     // Values that are no angles of the joints, and those that were commanded.
-    let others: [(Name, fn(f64) -> f64); 4] = [
+    type Value = fn(f64) -> f64;
+    let others: [(Name, Value); 4] = [
         (|joint| format!("J{joint} torque"), |deg| deg * 0.3 + 40.0),
         (|joint| format!("J{joint} error [deg]"), |_| 0.01),
         (|joint| format!("J{joint}_cmd [deg]"), |deg| deg),
