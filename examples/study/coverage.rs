@@ -7,7 +7,7 @@ use crate::data::{paper_robot, real_data, robot};
 use crate::measured_robots;
 use crate::simulation;
 use crate::simulation::{
-    Campaign, NonlinearErrors, Normal, identified, intervals_held, limited, measure, poses,
+    Campaign, NonlinearErrors, Normal, Scored, identified, intervals_held, limited, measure, poses,
     position_with_sag, robot_of_wide_priors, tool_intervals_held, true_robot,
 };
 use kincal::calibration::request::CorrectionsChoice;
@@ -324,22 +324,32 @@ fn of_joints() {
         ("joint 6 follows joint 5 by 2 %", follows(0.02)),
         ("joint 6 follows joint 5 by 5 %", follows(0.05)),
     ] {
-        for n_configurations in [50, 120] {
-            let campaign = Campaign {
-                n_configurations,
-                ..Campaign::PLAIN
-            };
-            let robot = |seed| {
-                let nominal = limited(paper_robot());
-                let found = identified(&nominal, &campaign, &errors, seed, N_UNSEEN);
-                (
-                    found.report.tool_uncertainty.map(|t| t.mean_mm),
-                    found.links_mm,
-                )
-            };
-            let all: Vec<(Option<f64>, f64)> = (0..N_OF_JOINTS).map(robot).collect();
-            println!("| {name} | {n_configurations} {}", summary(&all));
-        }
+        rows_of_errors(name, &errors, &[50, 120], N_OF_JOINTS, |found| {
+            let tool = found.report.tool_uncertainty;
+            (tool.map(|tool| tool.mean_mm), found.links_mm)
+        });
+    }
+}
+
+/// A row for each number of poses: stated and true errors of robots that links do not describe.
+fn rows_of_errors(
+    name: &str,
+    errors: &NonlinearErrors,
+    n_poses: &[usize],
+    n_robots: u64,
+    stated_and_true_mm: impl Fn(&Scored) -> (Option<f64>, f64),
+) {
+    let nominal = limited(paper_robot());
+    for n_configurations in n_poses {
+        let campaign = Campaign {
+            n_configurations: *n_configurations,
+            ..Campaign::PLAIN
+        };
+        let found = |seed| identified(&nominal, &campaign, errors, seed, N_UNSEEN);
+        let all: Vec<(Option<f64>, f64)> = (0..n_robots)
+            .map(|seed| stated_and_true_mm(&found(seed)))
+            .collect();
+        println!("| {name} | {n_configurations} {}", summary(&all));
     }
 }
 
@@ -405,19 +415,9 @@ fn of_corrections() {
             },
         ),
     ] {
-        for n_configurations in [25, 50, 200] {
-            let campaign = Campaign {
-                n_configurations,
-                ..Campaign::PLAIN
-            };
-            let robot = |seed| {
-                let nominal = limited(paper_robot());
-                let found = identified(&nominal, &campaign, &errors, seed, N_UNSEEN);
-                (found.stated_mm, found.corrected_mm)
-            };
-            let all: Vec<(Option<f64>, f64)> = (0..N_CORRECTED).map(robot).collect();
-            println!("| {name} | {n_configurations} {}", summary(&all));
-        }
+        rows_of_errors(name, &errors, &[25, 50, 200], N_CORRECTED, |found| {
+            (found.stated_mm, found.corrected_mm)
+        });
     }
     measured_halves();
 }

@@ -9,7 +9,7 @@ use crate::calibration::session_comparison::{changes, estimate_of_request};
 use crate::calibration::session_pool::compare_sessions;
 use crate::calibration::solve::choice::{Choice, choose};
 use crate::calibration::solve::corrections;
-use crate::calibration::solve::final_fit::{self, Final, final_fit};
+use crate::calibration::solve::final_fit::{self, final_fit};
 use crate::calibration::solve::larger_model;
 use crate::calibration::solve::solution::{Found, least_squares_from};
 use crate::calibration::solve::swarms::{Start, swarm};
@@ -160,7 +160,7 @@ fn calibrate_points<'a>(
         .extend((are_wanted && problem.priors.is_some()).then(corrections::left_out_for_priors));
     // an estimate from stated priors is not a result of this session alone
     let fitted = delivered.as_ref().filter(|_| request.priors.is_empty());
-    report.estimate = fitted.and_then(Final::estimate);
+    report.estimate = fitted.and_then(|fit| fit.estimate.clone());
     // a model that does not fit the points says nothing about changes of the robot
     let is_no_fit = report.warnings.iter().any(|told| told.code == NO_FIT);
     if request.previous.is_some() && !is_no_fit {

@@ -20,7 +20,7 @@ use crate::calibration::{Error, Monitor, unusable};
 use crate::identification::least_squares::evidence::Noise;
 use crate::identification::model::parameters::Parameter;
 use crate::identification::statistics::changes::{
-    Change, Estimate, FALSE_ALARMS, Tested, compare, compare_base, compare_target,
+    Estimate, FALSE_ALARMS, Tested, compare, compare_base, compare_target,
 };
 use crate::measurement::csv::MAX_TARGETS;
 use crate::measurement::sessions::{first_rows, name, shared_targets};
@@ -229,6 +229,14 @@ fn share_of_alarms(request: &CalibrationRequest) -> f64 {
     FALSE_ALARMS / n_tests.max(1) as f64
 }
 
+/// What a test names, in words.
+fn changes_of(tested: &Tested) -> String {
+    match tested.changes.is_empty() {
+        true => "no single number explains the difference".into(),
+        false => list(&tested.changes.iter().collect::<Vec<_>>()),
+    }
+}
+
 /// Refuses sessions in which a target of one name was not at one place of the tool.
 fn shared_targets_agree(
     request: &CalibrationRequest,
@@ -243,16 +251,12 @@ fn shared_targets_agree(
             let Some(tested) = tested.filter(|tested| tested.probability < alarm) else {
                 continue;
             };
-            let changes: Vec<&Change> = tested.changes.iter().collect();
             let detail = format!(
                 "target {target:?} is at different places of the tool in {} and {}, so it was mounted anew or the tool is another one: {} (chi-square {:.1} of {} \
                  combinations; an unchanged mounting shows as much with probability {}). Give it another target_name in one of the sessions, or none",
                 name(earlier),
                 name(later),
-                match changes.is_empty() {
-                    true => "no single coordinate explains the difference".into(),
-                    false => list(&changes),
-                },
+                changes_of(&tested),
                 tested.chi_square,
                 tested.n_combinations,
                 probability_in_words(tested.probability)
@@ -277,17 +281,13 @@ fn bases_agree(
         let Some(tested) = tested.filter(|tested| tested.probability < alarm) else {
             continue;
         };
-        let changes: Vec<&Change> = tested.changes.iter().collect();
         let detail = format!(
             "the base is elsewhere in {} than in {}, though both are in the base frame: {} (chi-square {:.1} of {} combinations; an unmoved base shows as \
              much with probability {}). The robot was moved, or the frame was set up anew. Identify the last session alone; or upload them with \
              frame=instrument, where each session has its own base",
             name(later),
             name(earlier),
-            match changes.is_empty() {
-                true => "no single number explains the difference".into(),
-                false => list(&changes),
-            },
+            changes_of(&tested),
             tested.chi_square,
             tested.n_combinations,
             probability_in_words(tested.probability)
@@ -331,17 +331,13 @@ fn pooled(estimates: &[Estimate], alarm: f64) -> Result<Pool, Error> {
 }
 
 fn differ(earlier: usize, later: usize, tested: &Tested, alarm: f64) -> Error {
-    let changes: Vec<&Change> = tested.changes.iter().collect();
     let detail = format!(
         "{} and {} are not one robot in one state, so nothing was fitted to both: from the one to the other {} (chi-square {:.1} of {} combinations that both see; \
          an unchanged robot shows as much with probability {}, and at less than {alarm:.1e} sessions are refused). Identify each by itself, and find out what happened \
          to the robot between them",
         name(earlier),
         name(later),
-        match changes.is_empty() {
-            true => "no single parameter explains the difference".into(),
-            false => list(&changes),
-        },
+        changes_of(tested),
         tested.chi_square,
         tested.n_combinations,
         probability_in_words(tested.probability)

@@ -250,9 +250,9 @@ pub fn unread_in_words(table: &UnderstoodBody) -> Option<String> {
     let points: Vec<String> = unread.points.iter().take(POINTS_SHOWN).map(point).collect();
     let more = if unread.n > points.len() { ", …" } else { "" };
     Some(format!(
-        "{} points of the program are not read: {}{more}",
-        unread.n,
-        points.join(", ")
+        "not read of the program: {}{more} ({} in all)",
+        points.join(", "),
+        unread.n
     ))
 }
 

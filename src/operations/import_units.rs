@@ -23,7 +23,7 @@ pub fn radians_under_degrees(column: &str, radians: &str, degrees: &[f64]) -> Op
         column: Some(column.to_owned()),
         code: "not_in_degrees".into(),
         detail: format!(
-            "column {column} is in degrees, and all its numbers are multiples of π/2 ({first}), as right angles are in radians: name it {radians}, or write degrees"
+            "column {column} is in degrees, and all its numbers are multiples of π/2 ({first:.4}), as right angles are in radians: name it {radians}, or write degrees"
         ),
         ..Issue::default()
     })

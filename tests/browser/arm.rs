@@ -222,13 +222,7 @@ fn a_point_is_left_out_with_its_reason_and_the_rest_is_calibrated_again() {
         browser.until_it_says("result to review").await;
         let page = format!("#/jobs/{}", job["id"].as_str().unwrap());
         browser.run(&format!("location.hash = '{page}'")).await;
-        browser
-            .until("document.querySelector('canvas.scene')")
-            .await;
-        browser
-            .run("document.querySelector('canvas.scene').focus()")
-            .await;
-        browser.press("n").await;
+        browser.select_first_point().await;
         browser
             .button("Leave it out …")
             .await

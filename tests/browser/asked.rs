@@ -338,13 +338,7 @@ fn a_serial_number_is_stated_by_whoever_read_it_and_stays_with_the_set() {
         assert_eq!(browser.run(value).await, "");
         let page = format!("#/jobs/{}", job["id"].as_str().unwrap());
         browser.go(&format!("/{page}")).await;
-        browser
-            .until("document.querySelector('canvas.scene')")
-            .await;
-        browser
-            .run("document.querySelector('canvas.scene').focus()")
-            .await;
-        browser.press("n").await;
+        browser.select_first_point().await;
         let leave = browser.button("Leave it out …").await;
         leave.click().await.unwrap();
         let field = browser.find("#exclude-reason").await;

@@ -289,6 +289,14 @@ impl Browser {
         self.devtools("Network.setCookie", cookie).await;
     }
 
+    /// Selects the first point in the figure of the arm, by its key.
+    pub async fn select_first_point(&self) {
+        self.until("document.querySelector('canvas.scene')").await;
+        self.run("document.querySelector('canvas.scene').focus()")
+            .await;
+        self.press("n").await;
+    }
+
     /// Presses keys; the focused element receives them.
     pub async fn press(&self, keys: impl Into<TypingData>) {
         self.driver

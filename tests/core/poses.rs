@@ -2,7 +2,7 @@
 
 use crate::central_differences::assert_derivatives;
 use crate::data::{paper_robot, real_data, robot};
-use crate::simulation::{Normal, true_robot};
+use crate::simulation::{Normal, found, true_robot};
 use kincal::calibration::request::VerifySource;
 use kincal::calibration::upload_checks::rotations;
 use kincal::calibration::{CalibrationReport, CalibrationRequest, NOISE_OVERSTATED, calibrate};
@@ -407,12 +407,7 @@ fn cartesian_targets_of_a_measured_pose_have_the_orientation_of_that_target() {
 
 /// rms distance between measured and true positions at unseen configurations, mm.
 fn unseen_mm(report: &CalibrationReport, truth: &KinematicModel) -> f64 {
-    let found = KinematicModel {
-        t_instrument_base: report.t_instrument_base,
-        links: report.links.clone(),
-        targets_mm: report.targets_mm.clone(),
-        target_rotations: vec![],
-    };
+    let found = found(report);
     let mut random = Normal::new(77);
     let squares = (0..200).map(|_| {
         let q = random.pose(&LIMITS_DEG);

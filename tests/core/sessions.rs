@@ -2,7 +2,7 @@
 //! state. The tables are in `docs/sessions.md`.
 
 use crate::data::{paper_robot, real_data, robot};
-use crate::simulation::{Campaign, Normal, measure, poses, true_robot, two_sessions};
+use crate::simulation::{Campaign, Normal, found, measure, poses, true_robot, two_sessions};
 use kincal::calibration::request::{CorrectionsChoice, VerifySource};
 use kincal::calibration::{
     CalibrationReport, CalibrationRequest, Error, Model, NOISE_OVERSTATED, SESSIONS_DIFFER,
@@ -90,12 +90,7 @@ fn sessions_of_a_robot_that_moved_before_the_third(seed: u64) -> [MeasurementSet
 
 /// rms error of a report's robot at 200 unseen poses, mm, as the last session sees them: its targets follow those of the others.
 fn unseen_mm(report: &CalibrationReport, truth: &KinematicModel) -> f64 {
-    let found = KinematicModel {
-        t_instrument_base: report.t_instrument_base,
-        links: report.links.clone(),
-        targets_mm: report.targets_mm.clone(),
-        target_rotations: vec![],
-    };
+    let found = found(report);
     let last = report.targets_mm.len() - truth.targets_mm.len();
     let unseen = poses(200, &mut Normal::new(999));
     let squares = unseen

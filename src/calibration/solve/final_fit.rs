@@ -24,7 +24,6 @@ use crate::identification::KinematicModel;
 use crate::identification::corrections::corrected::{CorrectedModel, IdentifiedRobot};
 use crate::identification::model::objective::residuals;
 use crate::identification::statistics::changes::Estimate;
-use crate::identification::statistics::corrected_errors::CorrectedErrors;
 use crate::identification::statistics::uncertainty::Uncertainty;
 use crate::identification::statistics::workspace::{ToolUncertainty, tool_uncertainty};
 use crate::kinematics::reach_mm;
@@ -42,8 +41,8 @@ pub struct Final<'a> {
     pub corrected: Option<CorrectedModel>,
     /// Its uncertainty, whether or not it can be stated.
     pub uncertainty: Option<Uncertainty>,
-    /// Errors of the robot with corrections.
-    pub corrected_errors: Option<CorrectedErrors>,
+    /// The estimate for comparison with other sessions and for predictions, if its uncertainty can be stated.
+    pub estimate: Option<Estimate>,
     /// Its errors, for the report.
     pub errors: FinalErrors,
 }
@@ -51,7 +50,8 @@ pub struct Final<'a> {
 impl Final<'_> {
     /// Uncertainty of the tool's position that is predicted with corrections; `None` without corrections.
     pub fn corrected_tool_uncertainty(&self) -> Option<ToolUncertainty> {
-        let estimate = self.estimate().filter(|found| found.corrected.is_some())?;
+        let estimate = self.estimate.as_ref()?;
+        estimate.corrected.as_ref()?;
         let robot = IdentifiedRobot {
             plain: self.model.clone(),
             corrected: self.corrected.clone(),
@@ -60,19 +60,6 @@ impl Final<'_> {
         let (nominal, points) = (&self.problem.request.robot, &self.problem.identify);
         let std_mm = |q_rad: &[f64], target| estimate.predicted_std_mm(&robot, q_rad, target);
         Some(tool_uncertainty(nominal, points, n_targets, std_mm))
-    }
-
-    /// The estimate for comparison with other sessions, if its uncertainty can be stated.
-    pub fn estimate(&self) -> Option<Estimate> {
-        let uncertainty = self.uncertainty.as_ref();
-        let is_stated = why_not_stated(&self.problem, uncertainty).is_none();
-        Some(Estimate {
-            parameters: self.problem.parameters.clone(),
-            model: self.model.clone(),
-            uncertainty: uncertainty.filter(|_| is_stated)?.clone(),
-            corrected: self.corrected_errors.clone(),
-            noise: self.problem.noise(&self.model),
-        })
     }
 }
 
@@ -151,13 +138,24 @@ pub fn final_fit<'a>(
         rms_mm: (sum / counting.len().max(1) as f64).sqrt(),
         moved_mm: moved.mean_mm,
     };
+    let uncertainty = watched(monitor, |watch| estimated(&problem, &model, watch))?;
     let with_corrections = |watch: &Watch<'_>| {
         let fitted = fitted.as_ref()?;
         corrected_errors(&problem, &model, fitted, watch)
     };
+    let is_stated = why_not_stated(&problem, uncertainty.as_ref()).is_none();
+    let stated = uncertainty.clone().filter(|_| is_stated);
+    let corrected = watched(monitor, with_corrections)?;
+    let estimate = stated.map(|uncertainty| Estimate {
+        parameters: problem.parameters.clone(),
+        model: model.clone(),
+        uncertainty,
+        corrected,
+        noise: problem.noise(&model),
+    });
     let fit = Final {
-        corrected_errors: watched(monitor, with_corrections)?,
-        uncertainty: watched(monitor, |watch| estimated(&problem, &model, watch))?,
+        uncertainty,
+        estimate,
         problem,
         model,
         corrected: after.corrected,

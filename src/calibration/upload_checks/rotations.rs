@@ -62,10 +62,10 @@ pub fn suspicion(robot: &Robot, set: &MeasurementSet) -> Option<String> {
             most_rad.to_degrees()
         ));
     }
-    let off = off_by(own_rad);
     if another.is_some() {
         return another;
     }
+    let off = off_by(own_rad);
     if own_rad <= off_rad || placed.base.is_none() {
         return None;
     }

@@ -3,9 +3,9 @@
 
 use crate::measurement::columns::names::{Known, recognise};
 use crate::measurement::issue::Issue;
+use crate::measurement::table::Table;
 use crate::measurement::table::lines::is_numeric;
 use crate::measurement::table::resolution::Resolution;
-use crate::measurement::table::{Next, Table};
 use std::collections::BTreeSet;
 
 /// Number of rows that are looked at.
@@ -19,28 +19,11 @@ const MIN_LABELLED: usize = 3;
 pub fn other_layout(resolution: &Resolution) -> Option<Issue> {
     let missing = resolution.columns.missing.first()?;
     let table = resolution.table;
-    let rows = rows(table);
+    let rows = table.first_rows(SAMPLE, SAMPLE);
     let detail = transposed(table, &rows)
         .or_else(|| row_per_coordinate(resolution, &rows))
         .or_else(|| labelled(table, &rows))?;
     Some(Issue::new("missing_column", detail).in_column(missing.clone()))
-}
-
-fn rows(table: &Table) -> Vec<Vec<String>> {
-    let (mut rows, mut seen) = (Vec::new(), 0);
-    table.each_row(|next| {
-        seen += 1;
-        if let Next::Row(row) = next {
-            rows.push(
-                row.cells
-                    .iter()
-                    .map(|cell| cell.trim().to_owned())
-                    .collect(),
-            );
-        }
-        seen < SAMPLE
-    });
-    rows
 }
 
 fn transposed(table: &Table, rows: &[Vec<String>]) -> Option<String> {

@@ -10,12 +10,12 @@ use crate::measurement::issue::{Issue, MAX_ISSUES, ParseError};
 use crate::measurement::programs::Unread;
 use crate::measurement::rotation_convention::RotationConvention;
 use crate::measurement::set::Point;
+use crate::measurement::table::Table;
 use crate::measurement::table::checks::row_ends::Ends;
 use crate::measurement::table::columns::{Columns, Needs, Used, resolve};
 use crate::measurement::table::decimal_mark::decimal_mark;
 use crate::measurement::table::rows::{Layout, Rows};
 use crate::measurement::table::text::{Encoding, Source};
-use crate::measurement::table::{Next, Table};
 
 /// How a file was interpreted: everything that is needed to read it again in the same way.
 #[derive(Clone, Debug, PartialEq)]
@@ -202,24 +202,10 @@ pub fn preview(
     let parts = Parts::new(&table, &columns, options);
     let decimal = parts.decimal(options.mapping).unwrap_or(Decimal::Point);
     let understood = parts.understood(&columns, decimal, options);
-    let mut rows = Vec::new();
-    let mut seen = 0;
-    table.each_row(|next| {
-        seen += 1;
-        if let Next::Row(row) = next {
-            rows.push(
-                row.cells
-                    .iter()
-                    .map(|cell| cell.trim().to_owned())
-                    .collect(),
-            );
-        }
-        rows.len() < n_rows && seen < 100 * n_rows
-    });
     Ok(Preview {
         header: table.header.clone(),
         above: table.above.clone(),
-        rows,
+        rows: table.first_rows(n_rows, 100 * n_rows),
         understood,
         columns,
     })

@@ -213,6 +213,20 @@ impl<'a> Table<'a> {
         }
     }
 
+    /// The trimmed cells of the first rows: at most `n` of them, from the first `n_read` rows, blank ones and comments included.
+    pub fn first_rows(&self, n: usize, n_read: usize) -> Vec<Vec<String>> {
+        let (mut rows, mut seen) = (Vec::new(), 0);
+        self.each_row(|next| {
+            seen += 1;
+            if let Next::Row(row) = next {
+                let cells = row.cells.iter().map(|cell| cell.trim().to_owned());
+                rows.push(cells.collect());
+            }
+            rows.len() < n && seen < n_read
+        });
+        rows
+    }
+
     /// The line of the file for a row: for a point of a program, where it begins.
     fn line(&self, row: usize) -> usize {
         let of_program = self.program.as_ref();

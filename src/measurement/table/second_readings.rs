@@ -7,9 +7,9 @@ use crate::measurement::columns::names::{ANGLES, Known, LENGTHS, Unit, name_and_
 use crate::measurement::columns::words::is_one_of;
 use crate::measurement::conventions::Decimal;
 use crate::measurement::csv::number_text::value;
+use crate::measurement::table::Table;
 use crate::measurement::table::groups::NOT_MEASURED;
 use crate::measurement::table::resolution::Resolution;
-use crate::measurement::table::{Next, Table};
 use std::collections::BTreeMap;
 
 /// Words in names of columns that are plainly no second measurement, beside those above groups of columns.
@@ -142,18 +142,12 @@ fn numbers(base: &str) -> Vec<(usize, std::ops::Range<usize>)> {
 /// The numbers of some columns in the first rows; rows with other cells are left out.
 fn values(table: &Table, places: &[usize]) -> Vec<Vec<f64>> {
     let number = |cell: &str| value(cell, Decimal::Point).or_else(|| value(cell, Decimal::Comma));
-    let (mut rows, mut seen) = (Vec::new(), 0);
-    table.each_row(|next| {
-        seen += 1;
-        if let Next::Row(row) = next {
-            let cells = places
-                .iter()
-                .map(|place| row.cells.get(*place).unwrap_or(""));
-            rows.extend(cells.map(number).collect::<Option<Vec<f64>>>());
-        }
-        rows.len() < SAMPLE && seen < 2 * SAMPLE
-    });
-    rows
+    let numbers = |row: &Vec<String>| -> Option<Vec<f64>> {
+        let cell = |place: &usize| row.get(*place).map_or("", String::as_str);
+        places.iter().map(|place| number(cell(place))).collect()
+    };
+    let rows = table.first_rows(SAMPLE, 2 * SAMPLE);
+    rows.iter().filter_map(numbers).collect()
 }
 
 fn millimetres(unit: Option<&str>) -> f64 {
