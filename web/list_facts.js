@@ -10,6 +10,14 @@ const AT_ONCE = 2;
 /** Places for the answers, by the robot; null stands for one that is on its way. */
 export const noFacts = () => ({ drifts: new Map(), judged: new Map(), checks: new Map() });
 
+/** Forgets the answers about robots whose sets or need have changed since the list was asked for. */
+export function forget(before, now, state) {
+  const about = ({ newest, active, need, need_job_id }) => [newest?.id, newest?.status, active?.id, need, need_job_id].join();
+  const known = new Map(before.map((robot) => [robot.robot_id, about(robot)]));
+  const changed = now.filter((robot) => known.get(robot.robot_id) !== about(robot));
+  for (const { robot_id: id } of changed) for (const answers of [state.drifts, state.judged, state.checks]) answers.delete(id);
+}
+
 /** Whether a newer result than the active set waits. */
 export const isNewer = ({ active, newest }) => active !== undefined && newest !== undefined && newest.id !== active.id && newest.created_at > active.created_at;
 

@@ -3,9 +3,9 @@
 import { get, list } from "./api.js";
 import { el, fill, problem, table, withFocus } from "./dom.js";
 import { age, capital, error, EVIDENCE, gateTitle, mm, signed, when } from "./format.js";
-import { hasDrifted, isNewer, learn, noFacts, refusals } from "./list_facts.js";
+import { forget, hasDrifted, isNewer, learn, noFacts, refusals } from "./list_facts.js";
 import { newRobot } from "./new_robot.js";
-import { isRunning } from "./polling.js";
+import { isRunning, whileRunning } from "./polling.js";
 
 /** Robots that are shown at first, and how many more each click shows. */
 const [FIRST, MORE] = [20, 100];
@@ -75,7 +75,7 @@ export async function overviewOf(robot, signal) {
 /** The front page. */
 export async function robotsPage({ main, signal, may, why, query, keep }) {
   document.title = "kincal: robots";
-  const [inUse, { total: nArchived }] = await Promise.all([robotsOf("", signal), get("/v1/overview?archived=true&limit=1", signal)]);
+  let [inUse, { total: nArchived }] = await Promise.all([robotsOf("", signal), get("/v1/overview?archived=true&limit=1", signal)]);
   const known = (name, values, usual) => (values.includes(query.get(name)) ? query.get(name) : usual);
   const state = { search: query.get("find") ?? "", filter: known("show", ["urgent", "refused", "running", ...URGENCY], "all"), sort: known("sort", SORTS.map(([key]) => key), "need"), shown: FIRST, ...noFacts() };
   const isOfArchive = query.get("show") === "archived" && nArchived > 0;
@@ -113,6 +113,17 @@ export async function robotsPage({ main, signal, may, why, query, keep }) {
   draw();
   fill(main, el("div.head.brief", {}, el("div", {}, el("h1", {}, "Robots"), inUse.length + nArchived > 0 && count)),
     inUse.length + nArchived === 0 ? welcome() : el("section.card.finder", {}, tools, inUse.length + nArchived > 1 && chips, rows, more), may("upload") ? newRobot() : why("upload", "add robots"));
+  const refresh = async () => {
+    const fresh = await robotsOf("", signal);
+    forget(inUse, fresh, state);
+    const isShown = robots === inUse;
+    inUse = fresh;
+    if (!isShown) return;
+    robots = fresh;
+    withFocus(rows.parentElement, draw);
+  };
+  // not awaited: the page is there already
+  whileRunning(() => inUse.some((robot) => isRunning(robot.last_job)), refresh, signal);
 }
 
 /** What an empty page leads to. */

@@ -169,6 +169,12 @@ fn pages_of_jobs_and_robots_follow_what_runs_and_an_archived_robot_asks_for_noth
     in_browser(&driver, &hall.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("Cell 31").await;
+        let badge = "document.querySelector('.robots tbody')?.innerText.includes('calibrating')";
+        let job = in_place(|| hall.long_job(&robot, &set));
+        browser.go("/#/").await;
+        browser.until(&format!("{badge} === true")).await;
+        cancel(&job);
+        browser.until(&format!("{badge} === false")).await;
         let job = in_place(|| hall.long_job(&robot, &set));
         for page in ["/#/jobs".to_owned(), format!("/#/robots/{robot}")] {
             let job = match page.contains("robots") {
