@@ -56,7 +56,7 @@ fn host(request: &Request) -> Result<Option<Authority>, Error> {
             "the request has no Host header, which HTTP/1.1 demands: send `Host: ` and the server's name",
         ),
         (Some(value), None) => match Authority::try_from(value.as_bytes()) {
-            Ok(authority) if !authority.as_str().contains('@') => Ok(Some(authority)),
+            Ok(authority) if is_host_and_port(&authority) => Ok(Some(authority)),
             _ => refused(
                 "invalid_host",
                 "the Host header is not a host name or address, with or without a port",
@@ -65,8 +65,26 @@ fn host(request: &Request) -> Result<Option<Authority>, Error> {
     }
 }
 
+/// Whether nothing stands beside host and port. [`Authority`] reads `127.0.0.1:80.evil.example` as the host 127.0.0.1.
+fn is_host_and_port(authority: &Authority) -> bool {
+    let text = authority.as_str();
+    let port = text.strip_prefix(authority.host());
+    port.is_some_and(|port| port.is_empty() || port == ":" || authority.port_u16().is_some())
+}
+
 /// Checks a request to a server with `--no-auth`.
 fn loopback_only(request: &Request, host: Option<&Authority>) -> Result<(), Error> {
+    // Checks of a proxy may come without a name. What changes something names the server.
+    let is_read = matches!(
+        *request.method(),
+        Method::GET | Method::HEAD | Method::OPTIONS
+    );
+    if host.is_none() && !is_read {
+        return Err(Error::BadRequest {
+            code: "missing_host",
+            detail: "the request has no Host header: send `Host: localhost` and the port".into(),
+        });
+    }
     // The target may name a host, too: `GET http://host/path`.
     if let Some(other) = host
         .into_iter()
@@ -145,7 +163,26 @@ fn is_of_another_site(method: &Method, headers: &HeaderMap) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::is_loopback;
+    use super::{is_host_and_port, is_loopback};
+
+    #[test]
+    fn only_a_port_stands_behind_a_host() {
+        for (text, expected) in [
+            ("localhost", true),
+            ("localhost:80", true),
+            ("127.0.0.1:65535", true),
+            ("[::1]:8080", true),
+            ("[::1]", true),
+            ("127.0.0.1:80.evil.example", false),
+            ("127.0.0.1:evil", false),
+            ("127.0.0.1:65536", false),
+            ("[::1].evil.example", false),
+            ("somebody@localhost", false),
+        ] {
+            let is_one = text.parse().is_ok_and(|parsed| is_host_and_port(&parsed));
+            assert_eq!(is_one, expected, "{text}");
+        }
+    }
 
     #[test]
     fn only_loopback_names_and_addresses_are_loopback() {

@@ -222,6 +222,12 @@ pub(super) fn problem_json(problem: &Problem) -> String {
     serde_json::json!(problem).to_string()
 }
 
+/// The code of a problem that [`problem_json`] wrote.
+pub(super) fn problem_code(json: &str) -> Option<String> {
+    let problem: serde_json::Value = serde_json::from_str(json).ok()?;
+    Some(problem["code"].as_str()?.to_owned())
+}
+
 impl JobInputs {
     /// Reads a job and everything that it names.
     pub async fn load(store: &Store, job_id: &str) -> Result<JobInputs> {

@@ -227,8 +227,8 @@ pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Unread
 fn unscored(later: LaterSession) -> std::result::Result<UnscoredSession, Unreadable> {
     // reports of older versions have no summary
     let has_changed = match later.summary_json.as_str() {
-        "" => false,
-        text => has_changed(&parsed(text)?),
+        "" => later.is_unusable,
+        text => later.is_unusable || has_changed(&parsed(text)?),
     };
     Ok(UnscoredSession {
         job_id: later.job_id,

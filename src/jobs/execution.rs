@@ -9,7 +9,7 @@ use crate::jobs::measured_since::measured_since;
 use crate::jobs::request::{insisted_on, points_of, requests_of};
 use crate::jobs::result_check;
 use crate::jobs::{JobFailure, JobInputs, JobOutcome, ParameterSetInput};
-use crate::release::facts::{evidence_of, identification_facts, session_facts};
+use crate::release::facts::{FIT_DIVERGED, evidence_of, identification_facts, session_facts};
 use crate::release::independence::{is_another_session, is_verified_anew};
 use crate::release::{insisted_warning, is_usable};
 use crate::store::{NewNetwork, NewParameterSet};
@@ -275,11 +275,7 @@ fn run_timed(
     if !result_check::has_plausible_size(&core) {
         let detail = "the fit diverged: links or targets of more than 10 m; nothing was stored. Look for rows whose joints and position do not belong \
                       together";
-        return Err(JobFailure::failed(&Problem::new(
-            422,
-            "fit_diverged",
-            detail,
-        )));
+        return Err(JobFailure::failed(&Problem::new(422, FIT_DIVERGED, detail)));
     }
     // The network of a result that cannot be used is not stored.
     let network = core

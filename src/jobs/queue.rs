@@ -1,8 +1,8 @@
 //! The queue's rules on top of the job table.
 
-use super::compute::problem_json;
+use super::compute::{problem_code, problem_json};
 use super::{JobOutcome, JobSignals};
-use crate::release::facts::facts_at_end;
+use crate::release::facts::{facts_at_end, failure_facts};
 use crate::release::{self, CheckStateChange};
 use crate::store::{
     Exhausted, Expired, JobResult, JobRow, Lease, NewJob, Result, Store, Tx, job_sources, jobs,
@@ -54,7 +54,7 @@ pub async fn end(store: &Store, lease: &Lease, end: &AttemptEnd) -> Result<()> {
     let mut tx = store.begin().await?;
     match end {
         AttemptEnd::Finished(outcome) => finish(&mut tx, lease, outcome).await?,
-        AttemptEnd::Failed(problem_json) => leases::fail(&mut tx, lease, problem_json).await?,
+        AttemptEnd::Failed(problem_json) => fail(&mut tx, lease, problem_json).await?,
         AttemptEnd::Cancelled => leases::cancelled(&mut tx, lease).await?,
         AttemptEnd::HandedBack => leases::hand_back(&mut tx, lease).await?,
         AttemptEnd::GaveUp => leases::give_up(&mut tx, lease).await?,
@@ -90,6 +90,22 @@ async fn finish(tx: &mut Tx, lease: &Lease, outcome: &JobOutcome) -> Result<()> 
     }
     if let Some(network) = &outcome.network {
         networks::insert(tx, &lease.job_id, network).await?;
+    }
+    Ok(())
+}
+
+/// Fails a job. If its points do not fit one robot, that is a fact about the robot.
+async fn fail(tx: &mut Tx, lease: &Lease, problem_json: &str) -> Result<()> {
+    robots::lock_of_job(tx, &lease.job_id).await?;
+    let check_seq = verifications::check_of_job(tx, &lease.job_id)
+        .await?
+        .check_seq;
+    let code = problem_code(problem_json);
+    let found = code.and_then(|code| failure_facts(&code, check_seq));
+    if leases::fail(tx, lease, problem_json).await?
+        && let Some(found) = &found
+    {
+        record_facts(tx, &lease.job_id, found).await?;
     }
     Ok(())
 }

@@ -5,7 +5,7 @@ use crate::calibration::report::{BASE_NOT_CHECKED, MIN_TO_PROVE};
 use crate::calibration::request::VerifySource;
 use crate::calibration::{
     CalibrationReport, CalibrationRequest, DOES_NOT_FIT, HeldOut, MISSES_SESSION, RobustComparison,
-    SET_FAR_OFF, WORSE_THAN_IDENTIFIED, after_errors_mm, n_placed, n_placed_where,
+    SESSIONS_DIFFER, SET_FAR_OFF, WORSE_THAN_IDENTIFIED, after_errors_mm, n_placed, n_placed_where,
     robust_comparison, session_fit,
 };
 use crate::measurement::{Frame, MeasurementSet};
@@ -22,6 +22,9 @@ pub const MIN_VERIFY_POINTS: usize = 5;
 
 /// Fit of an identification whose set is unusable. Later sessions are not compared with such a set.
 pub const UNUSABLE_FIT: Fit = Fit::SetFarOff;
+
+/// Code of a job that failed because its fit diverged.
+pub const FIT_DIVERGED: &str = "fit_diverged";
 
 /// When a job's points were measured, as far as the robot's other uploads show it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -180,6 +183,28 @@ pub fn identification_facts(
         check_seq: since.check_seq,
         uncertainty_mm: report.tool_uncertainty_mm.map(|tool| tool.max),
     }
+}
+
+/// Facts of a job that identified nothing: it failed with this code because its points do not fit one robot. Sets from before these points are
+/// not released until they are scored on them. `None` if the code says nothing of the robot.
+pub fn failure_facts(code: &str, check_seq: i64) -> Option<Verification> {
+    [SESSIONS_DIFFER, FIT_DIVERGED]
+        .contains(&code)
+        .then_some(Verification {
+            kind: VerificationKind::Identification,
+            n_points: 0,
+            before_rms_mm: None,
+            after_rms_mm: None,
+            after_expanded_mm: None,
+            is_better: false,
+            fit: UNUSABLE_FIT,
+            evidence: Evidence::None,
+            is_repeat: false,
+            measured_seq: 0,
+            is_worse: false,
+            check_seq,
+            uncertainty_mm: None,
+        })
 }
 
 /// Different configurations among the points to verify.

@@ -108,7 +108,7 @@ pub fn scored_on_later_sessions(facts: &Facts<'_>) -> Gate {
     let (set, job) = (&session.measurement_set_id, &session.job_id);
     let (found, or) = match session.has_changed {
         true => (
-            ", and that job found that the robot has changed",
+            ", and that job found that the robot has changed, or that the points fit no robot like it",
             format!(". If that file is no measurement of this robot, {CHECKED}"),
         ),
         false => ("", String::new()),

@@ -307,23 +307,24 @@ pub async fn succeed(tx: &mut Tx, lease: &Lease, result: &JobResult<'_>) -> Resu
 }
 
 /// Ends a job with an error. If cancellation was requested, the job is cancelled instead.
-pub async fn fail(tx: &mut Tx, lease: &Lease, error_json: &str) -> Result<()> {
+pub async fn fail(tx: &mut Tx, lease: &Lease, error_json: &str) -> Result<bool> {
     let query = sqlx::query_scalar(FAIL)
         .bind(&lease.job_id)
         .bind(&lease.owner)
         .bind(lease.attempt)
         .bind(error_json);
     let status: Option<String> = query.fetch_optional(tx.connection()).await?;
-    match status.ok_or(Conflict::LeaseLost)?.as_str() {
-        "cancelled" => note(tx, lease, AuditEvent::JobCancelled, json!({})),
-        _ => note(
+    let is_cancelled = status.ok_or(Conflict::LeaseLost)? == "cancelled";
+    match is_cancelled {
+        true => note(tx, lease, AuditEvent::JobCancelled, json!({})),
+        false => note(
             tx,
             lease,
             AuditEvent::JobFailed,
             jobs::as_failed(error_json),
         ),
     }
-    Ok(())
+    Ok(!is_cancelled)
 }
 
 /// Ends a job as cancelled.

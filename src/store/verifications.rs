@@ -99,6 +99,8 @@ row! {
         pub seq: i64,
         /// The summary of that job's report; empty if there is none.
         pub summary_json: String,
+        /// Whether the other set was identified from the session and is unusable, or the session fits no robot.
+        pub is_unusable: bool,
     }
 }
 
@@ -227,14 +229,15 @@ const LATER_SESSIONS: &str = concat!(
     " as uploaded
         from parameter_set p join verification v on v.job_id = p.job_id where p.id = $1),
     later as (
-        select v.job_id as job_id, u.measurement_set_id as measurement_set_id, v.seq as seq, coalesce(r.summary_json, '') as summary_json, ",
+        select v.job_id as job_id, u.measurement_set_id as measurement_set_id, v.seq as seq, coalesce(r.summary_json, '') as summary_json,
+            cast(case when v.kind = $2 and v.fit <> $3 then 1 else 0 end as bigint) as is_unusable, ",
     uploaded_seq!("u.measurement_set_id"),
     " as uploaded
         from own join verification v on v.robot_id = own.robot_id join job_upload u on u.job_id = v.job_id
             left join report_summary r on r.job_id = v.job_id
-        where ((v.kind = $2 and v.fit = $3) or (v.kind <> $2 and v.fit <> $5 and v.evidence <> $6))
+        where (v.kind = $2 or (v.fit <> $5 and v.evidence <> $6))
             and (v.is_repeat = 0 or exists (select 1 from job_session o where o.job_id = v.job_id)))
-    select v.job_id as job_id, v.measurement_set_id as measurement_set_id, v.seq as seq, v.summary_json as summary_json
+    select v.job_id as job_id, v.measurement_set_id as measurement_set_id, v.seq as seq, v.summary_json as summary_json, v.is_unusable as is_unusable
     from later v join own on (v.uploaded > own.uploaded or (v.uploaded = own.uploaded and v.seq > own.seq))
     where not exists (select 1 from verification s join job k on k.id = s.job_id
             where s.parameter_set_id = $1 and (k.measurement_set_id = v.measurement_set_id or k.verify_set_id = v.measurement_set_id

@@ -2,7 +2,7 @@
 
 use crate::data::paper_robot;
 use crate::simulation::{Campaign, Normal, measure, poses, true_robot};
-use kincal::calibration::{CalibrationRequest, calibrate, is_anew};
+use kincal::calibration::{CalibrationRequest, calibrate, is_anew, repeats};
 use kincal::measurement::MeasurementSet;
 use kincal::measurement::repeatability::{Visits, pooled_rp_mm, pooled_std_mm};
 use nalgebra::{Rotation3, Vector3};
@@ -169,6 +169,46 @@ fn a_session_with_its_reflector_mounted_again_is_told_from_a_copy_whose_position
                 "{displaced_mm} mm, seed {seed}"
             );
         }
+    }
+}
+
+/// Every pose was measured twice, in one upload or in two. What repeats one of both measurements of each pose is no new one.
+#[test]
+fn a_copy_of_one_of_several_visits_of_each_pose_is_no_new_session() {
+    let nominal = paper_robot();
+    let joined = |first: &MeasurementSet, second: &MeasurementSet| {
+        let mut both = first.clone();
+        both.points.extend(second.points.iter().cloned());
+        both
+    };
+    for seed in 0..8 {
+        let mut random = Normal::new(300 + seed);
+        let truth = true_robot(&nominal, 1, &mut random);
+        let poses = poses(60, &mut random);
+        let mut session = || measure(&truth, &poses, &Campaign::PLAIN, &mut random);
+        let (first, second, new) = (session(), session(), session());
+        let both = joined(&first, &second);
+        let mut mixed = first.clone();
+        for row in (0..60).step_by(2) {
+            mixed.points[row] = second.points[row].clone();
+        }
+        let apart = [first.clone(), second.clone()];
+        for (copy, what) in [(&both, "joined"), (&mixed, "mixed"), (&second, "second")] {
+            for copy in [copy.clone(), carried(copy)] {
+                for earlier in [std::slice::from_ref(&both), &apart] {
+                    assert!(repeats(&nominal, earlier, &copy), "{what}, seed {seed}");
+                }
+            }
+        }
+        let newer = joined(&new, &session());
+        for new in [&new, &newer] {
+            for earlier in [std::slice::from_ref(&both), &apart] {
+                assert!(!repeats(&nominal, earlier, new), "seed {seed}");
+            }
+        }
+        // the more visits there are, the nearer is one of them by chance
+        let many: Vec<MeasurementSet> = (0..20).map(|_| session()).collect();
+        assert!(!repeats(&nominal, &many, &new), "seed {seed}");
     }
 }
 

@@ -15,10 +15,13 @@
 //!
 //! Positions that differ by much more than both files scatter are no copy either: the robot has changed in between.
 //!
+//! Rows may also come from several visits: a pose is measured twice in one upload, or two uploads are joined in one file. Each row is therefore compared
+//! with every earlier visit of its pose, too. Measurements differ by their noise; a row that agrees with one of them ten times better is that row.
+//!
 //! If nothing of this shows, a new measurement cannot be told from a copy, and the rows count as repeated.
 
 use crate::calibration::validation::same_poses::{
-    Pair, PlacedRows, constant_offset, observations, position,
+    Pair, PlacedRows, constant_offset, n_of_placement, observations, position,
 };
 use crate::calibration::validation::session_fit::fitted_as_well_as_can_be;
 use crate::identification::KinematicModel;
@@ -51,6 +54,14 @@ const FOLLOWS: f64 = 0.5;
 const MEASURED_ANEW_RATIO: f64 = 6.0;
 /// A significant slope differs from zero by this number of standard errors: by chance once in some millions.
 const SIGNIFICANT: f64 = 5.0;
+/// A row is a copy of an earlier row if both differ by less than this share of what measurements of one pose differ by (the upper quartile). By
+/// chance, three coordinates are that near in two of a thousand rows.
+const COPIED: f64 = 0.1;
+/// The placement is found anew in so many rounds, each time from one in three rows, those that agree best: three files may have been joined.
+const ALIGNED_ROUNDS: usize = 8;
+const ALIGNED_SHARE: usize = 3;
+/// Rows for each value of the placement, at least: with fewer, those that agree best may agree by chance.
+const ROWS_PER_PLACEMENT: usize = 3;
 /// A row is clipped to this multiple of the median. A single outlier that was measured again does not prove that all rows were.
 const CLIPPED: f64 = 3.0;
 
@@ -76,6 +87,14 @@ impl RepeatedRows {
         for (index, set) in earlier.into_iter().enumerate() {
             of_earlier.push(BTreeSet::new());
             alike.extend(later.alike(set).into_iter().map(|alike| (index, alike)));
+        }
+        // more uploads with the same poses are nearer by chance
+        let copied: Vec<(usize, Vec<usize>)> = alike
+            .iter()
+            .map(|(index, found)| (*index, later.copied_rows(&found.visits, alike.len())))
+            .collect();
+        for (index, rows) in copied {
+            of_earlier[index].extend(rows);
         }
         // of a copy, the original is the nearest: a new measurement differs by its own noise as well
         alike.sort_by(|a, b| a.1.median_mm.total_cmp(&b.1.median_mm));
@@ -155,6 +174,8 @@ struct Alike<'a> {
     /// The earlier upload, with an offset of its joint values if there is one.
     earlier: Cow<'a, MeasurementSet>,
     pairs: Vec<Pair>,
+    /// Every earlier visit of the pose of each row, with the displacement without placement.
+    visits: Vec<Pair>,
     /// Rotation from the earlier frame to the later one.
     r_later_earlier: Rotation3<f64>,
     /// Median of the differences of position, without the rigid motion.
@@ -190,20 +211,13 @@ impl<'a> Later<'a> {
     }
 
     fn alike_rows<'b>(&self, placed: &PlacedRows, earlier: Cow<'b, MeasurementSet>) -> Alike<'b> {
-        let mut pairs = placed.same_poses(self.robot, self.set, &earlier);
+        let mut visits = placed.same_poses(self.robot, self.set, &earlier);
+        let mut pairs = visits.clone();
+        pairs.dedup_by_key(|pair| pair.row);
         let mut r_later_earlier = Rotation3::identity();
         if pairs.len() >= MIN_ROWS {
-            let of_pair = |pair: &Pair| {
-                let before = earlier.points[pair.earlier_row].position_mm;
-                (before, self.set.points[pair.row].position_mm)
-            };
-            let (before, after): (Vec<_>, Vec<_>) = pairs.iter().map(of_pair).unzip();
-            let t_later_earlier = rigid_motion(&before, &after);
-            for (pair, (before, after)) in pairs.iter_mut().zip(before.into_iter().zip(after)) {
-                pair.difference_mm = after - (t_later_earlier * Point3::from(before)).coords;
-            }
-            placed.remove_placement(&mut pairs, &self.set.points);
-            r_later_earlier = t_later_earlier.rotation;
+            r_later_earlier = self.remove_motion(placed, &earlier, &mut pairs);
+            self.remove_motion(placed, &earlier, &mut visits);
             let (same, reread): (Vec<Pair>, Vec<Pair>) = pairs
                 .into_iter()
                 .partition(|pair| pair.reading_rad <= SAME_READING_RAD);
@@ -215,8 +229,60 @@ impl<'a> Later<'a> {
             earlier,
             median_mm: median(pairs.iter().map(|pair| pair.difference_mm.norm())).unwrap_or(0.0),
             pairs,
+            visits,
             r_later_earlier,
         }
+    }
+
+    /// Sets the differences of position, without a rigid motion and the placement. The result is the rotation from the earlier frame to the later one.
+    fn remove_motion(
+        &self,
+        placed: &PlacedRows,
+        earlier: &MeasurementSet,
+        pairs: &mut [Pair],
+    ) -> Rotation3<f64> {
+        let of_pair = |pair: &Pair| {
+            let before = earlier.points[pair.earlier_row].position_mm;
+            (before, self.set.points[pair.row].position_mm)
+        };
+        let (before, after): (Vec<_>, Vec<_>) = pairs.iter().map(of_pair).unzip();
+        let t_later_earlier = rigid_motion(&before, &after);
+        for (pair, (before, after)) in pairs.iter_mut().zip(before.into_iter().zip(after)) {
+            pair.difference_mm = after - (t_later_earlier * Point3::from(before)).coords;
+        }
+        placed.remove_placement(pairs, &self.set.points);
+        t_later_earlier.rotation
+    }
+
+    /// The rows that are copies of one of these earlier visits of their poses. `n_uploads` have such visits.
+    fn copied_rows(&self, visits: &[Pair], n_uploads: usize) -> Vec<usize> {
+        let points = &self.set.points;
+        let Some(placed) = &self.placed else {
+            return Vec::new();
+        };
+        let mut near: Vec<Pair> = visits.to_vec();
+        let length_mm = |pair: &Pair| pair.difference_mm.norm();
+        let n_rows = visits.chunk_by(|a, b| a.row == b.row).count();
+        if n_rows < ROWS_PER_PLACEMENT * n_of_placement(visits, points) {
+            return Vec::new();
+        }
+        let mut lengths: Vec<f64> = visits.iter().map(length_mm).collect();
+        lengths.sort_by(f64::total_cmp);
+        let typical_mm = lengths[3 * lengths.len() / 4];
+        // copies agree exactly only where no other row brings its noise into the placement
+        for _ in 0..ALIGNED_ROUNDS {
+            near.sort_by(|a, b| length_mm(a).total_cmp(&length_mm(b)));
+            let mut seen = BTreeSet::new();
+            let (mut nearest, others): (Vec<Pair>, Vec<Pair>) =
+                near.into_iter().partition(|pair| seen.insert(pair.row));
+            nearest.extend(others);
+            near = nearest;
+            placed.remove_placement_of(&mut near, n_rows.div_ceil(ALIGNED_SHARE), points);
+        }
+        let chances = n_uploads as f64 * visits.len() as f64 / n_rows as f64;
+        let copied_mm = COPIED * typical_mm / libm::cbrt(chances);
+        near.retain(|pair| length_mm(pair) < copied_mm);
+        near.into_iter().map(|pair| pair.row).collect()
     }
 
     /// True if the changes are correlated with the residuals of both measurements as new noise requires.

@@ -16,6 +16,8 @@ const SAME_POSE_RAD: f64 = 3.5e-4;
 const COMPARED_ROWS: usize = 100;
 /// Maximum number of rows that the robot is fitted to, evenly from the whole set.
 const MAX_FITTED: usize = 2_000;
+/// Maximum number of earlier visits of a row's pose that the row is compared with.
+const MAX_VISITS: usize = 50;
 /// Singular values below this share of the largest diagonal element are rounding errors.
 const ROUNDING: f64 = 1e-9;
 /// Step of a joint for computing how far it moves the reflector, rad.
@@ -64,7 +66,8 @@ impl PlacedRows {
         Some(Self { model, rows })
     }
 
-    /// Each row with the nearest earlier row of the same target and the same pose, if there is one.
+    /// Each row with the earlier rows of the same target and the same pose, the one with the nearest joint values first, and at most
+    /// [`MAX_VISITS`] of them.
     pub fn same_poses(
         &self,
         robot: &Robot,
@@ -86,7 +89,7 @@ impl PlacedRows {
             let (here, levers_mm) = (&placed.here_mm, &placed.levers_mm);
             let width_mm = 2.0 * same_mm * levers_mm.len() as f64;
             let begin = known.partition_point(|(x, _)| *x < here.x - width_mm);
-            let nearest = known[begin..]
+            let mut visits: Vec<(f64, Vec<f64>, usize)> = known[begin..]
                 .iter()
                 .take_while(|(x, _)| *x <= here.x + width_mm)
                 .filter(|(_, other)| earlier.points[*other].target == point.target)
@@ -95,8 +98,11 @@ impl PlacedRows {
                     let moved = apart.iter().zip(levers_mm).map(|(rad, mm)| rad * mm);
                     (moved.fold(0.0, f64::max), apart, *other)
                 })
-                .min_by(|a, b| a.0.total_cmp(&b.0));
-            if let Some((_, apart, earlier_row)) = nearest.filter(|(mm, ..)| *mm <= same_mm) {
+                .filter(|(mm, ..)| *mm <= same_mm)
+                .collect();
+            visits.sort_by(|a, b| a.0.total_cmp(&b.0));
+            visits.truncate(MAX_VISITS);
+            for (_, apart, earlier_row) in visits {
                 let before = &earlier.points[earlier_row].q_rad;
                 pairs.push(Pair {
                     row,
@@ -114,9 +120,13 @@ impl PlacedRows {
     /// reflector that was mounted again explain, in the sense of least squares: difference = shift + rotation × position + scale · position + R_flange · δ,
     /// with δ of each target in the flange frame.
     pub fn remove_placement(&self, pairs: &mut [Pair], points: &[Point]) {
+        self.remove_placement_of(pairs, pairs.len(), points);
+    }
+
+    /// The same, with the placement that explains the first `n_placed` pairs.
+    pub fn remove_placement_of(&self, pairs: &mut [Pair], n_placed: usize, points: &[Point]) {
         let rows = &self.rows;
-        let n_targets = pairs.iter().map(|pair| points[pair.row].target + 1).max();
-        let n = 7 + 3 * n_targets.unwrap_or(0);
+        let n = n_of_placement(pairs, points);
         let size_mm = rows
             .iter()
             .map(|row| row.here_mm.norm())
@@ -134,7 +144,7 @@ impl PlacedRows {
             effects
         };
         let (mut normal, mut right) = (DMatrix::zeros(n, n), DVector::zeros(n));
-        for pair in pairs.iter() {
+        for pair in &pairs[..n_placed] {
             let effects = effects(pair);
             normal += effects.tr_mul(&effects);
             right += effects.tr_mul(&pair.difference_mm);
@@ -149,6 +159,12 @@ impl PlacedRows {
             pair.difference_mm -= Vector3::new(explained[0], explained[1], explained[2]);
         }
     }
+}
+
+/// Number of values of [`PlacedRows::remove_placement`].
+pub fn n_of_placement(pairs: &[Pair], points: &[Point]) -> usize {
+    let n_targets = pairs.iter().map(|pair| points[pair.row].target + 1).max();
+    7 + 3 * n_targets.unwrap_or(0)
 }
 
 /// Constant offsets of the first and the last joint in all rows. They rotate the base and the reflector, which are placed anew, so that a copy with
@@ -219,7 +235,8 @@ fn most_frequent(values: impl Iterator<Item = f64>) -> Option<f64> {
     most.get(most.len() / 2).copied()
 }
 
-/// A row, and the earlier row whose pose it repeats.
+/// A row, and an earlier row whose pose it repeats.
+#[derive(Clone, Debug)]
 pub struct Pair {
     /// The row.
     pub row: usize,

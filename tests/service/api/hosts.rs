@@ -237,6 +237,8 @@ async fn a_host_that_is_missing_doubled_or_none_is_400() {
                 ("host: local host\r\n", "invalid_host"),
                 ("host: \r\n", "invalid_host"),
                 ("host: http://localhost/\r\n", "invalid_host"),
+                ("host: 127.0.0.1:80.evil.example\r\n", "invalid_host"),
+                ("host: [::1].evil.example\r\n", "invalid_host"),
             ] {
                 let refused = answer(&app, &get(path, headers)).await;
                 assert_eq!(problem(refused), (400, code.into()), "{path} {headers:?}");

@@ -80,6 +80,51 @@ async fn the_same_upload_identified_again_meets_the_same_sessions_and_the_same_w
 }
 
 #[tokio::test]
+async fn a_later_session_that_differs_or_fits_no_robot_stands_against_an_older_set() {
+    let app = TestApp::with_workers(1).await;
+    let robot = app.paper_robot().await;
+    let mut random = Normal::new(35);
+    let before = with_noise(&rows("first.csv"), 0.03, &mut random);
+    let before = upload(&app, &robot, &before).await;
+    let set = identified(&app, &robot, &before).await;
+    assert!(!fails(&app, &set, "scored_on_later_sessions").await);
+    // joint 3 by 1° after a collision: both sessions together are not one robot
+    let turned_by = |deg: f64, random: &mut Normal| {
+        let mut turned = with_noise(&rows("followup_unchanged.csv"), 0.03, random);
+        turned.iter_mut().for_each(|row| row[2] += deg);
+        turned
+    };
+    let after = upload(&app, &robot, &turned_by(1.0, &mut random)).await;
+    let request = json!({"measurement_set_ids": [before, after], "method": "least_squares"});
+    let job = app.run(&robot, &request).await;
+    assert_eq!(job["status"], "failed", "{job}");
+    assert_eq!(job["error"]["code"], "sessions_differ", "{job}");
+    assert!(fails(&app, &set, "scored_on_later_sessions").await);
+    let path = format!("/v1/parameter-sets/{}/release", text(&set));
+    let reasons = json!({"reason": "looked at", "change_reason": "looked at"});
+    app.post_json(&path, &reasons)
+        .await
+        .problem(409, "release_refused");
+    scored(&app, &robot, &after, &set).await;
+    assert!(fails(&app, &set, "check_robot").await);
+    // a motor that was exchanged and not mastered: nothing fits
+    let other = app.paper_robot().await;
+    let own = app.upload(&other, "first_noisy.csv").await;
+    let set = identified(&app, &other, &own).await;
+    let after = upload(&app, &other, &turned_by(100.0, &mut random)).await;
+    let request = json!({"measurement_set_id": after, "method": "least_squares"});
+    let job = app.run(&other, &request).await;
+    let report = app
+        .get(&format!("/v1/jobs/{}/report", text(&job["id"])))
+        .await
+        .ok(200);
+    let told = codes(&report);
+    let fits = !told.contains(&"no_fit") && !told.contains(&"joint_map_suspect");
+    assert!(!fits, "{told:?}");
+    assert!(fails(&app, &set, "scored_on_later_sessions").await);
+}
+
+#[tokio::test]
 async fn a_copy_of_an_old_upload_is_as_old_as_the_original() {
     let app = TestApp::with_workers(1).await;
     let robot = app.paper_robot().await;
