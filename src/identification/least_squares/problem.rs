@@ -233,15 +233,25 @@ impl Block<'_> {
         };
         let Some(predicted) = predicted else { return };
         let root_mm = o.weight.sqrt() * measured.mm_per_rad;
-        let left = rotation_residual_rad(&predicted, measured);
-        fill_rows(&mut residuals[of_rotation.clone()], &(left * root_mm));
+        let left = rotation_residual_rad(&predicted, measured) * root_mm;
+        fill_rows(&mut residuals[of_rotation.clone()], &left);
+        let coupling = o.coupling();
+        let first = self.rows.start;
+        // rows of the position depend on those of the rotation
+        let add_to_position = |rows: &mut [f64], of_rotation: &Vector3<f64>| {
+            if let Some(coupling) = &coupling {
+                let added = coupling * of_rotation;
+                (0..3).for_each(|axis| rows[first + axis] += added[axis]);
+            }
+        };
+        add_to_position(residuals, &left);
         let Some(jacobian) = jacobian else { return };
         let rows_by = by.rows(&predicted, measured);
         for (j, variable) in problem.variables.iter().enumerate() {
             let column = &mut jacobian.column_mut(j);
-            let rows = &mut column.as_mut_slice()[of_rotation.clone()];
-            let derivative = rows_by * by.axis(&variable.parameter);
-            fill_rows(rows, &(derivative * (-root_mm * variable.width)));
+            let derivative = rows_by * by.axis(&variable.parameter) * (-root_mm * variable.width);
+            fill_rows(&mut column.as_mut_slice()[of_rotation.clone()], &derivative);
+            add_to_position(column.as_mut_slice(), &derivative);
         }
     }
 }
