@@ -14,6 +14,9 @@ use crate::calibration::request::{CalibrationRequest, Method, Preset};
 use crate::identification::least_squares::estimate::{Estimate, estimate};
 use crate::identification::least_squares::linearisation::decomposition_at;
 use crate::identification::least_squares::multistart::{BestStart, best_start};
+use crate::identification::least_squares::evidence::{
+    probable_variance_over_usual, variance_over_usual,
+};
 use crate::identification::least_squares::problem::{self, USUAL_ANGLE_RAD, usual_length_mm};
 use crate::identification::model::objective::Observation;
 use crate::identification::model::parameters::Parameter;
@@ -27,14 +30,8 @@ use std::ops::ControlFlow;
 const ROUNDS: usize = 12;
 /// The rounds end when both standard deviations change by less than this share.
 const CONVERGED: f64 = 1e-3;
-/// Minimum redundancy of a class. With less, both classes are estimated together, in their usual ratio.
-const MIN_FREEDOM: f64 = 10.0;
 /// The ratio of both standard deviations may differ from the usual ratio by this factor at most.
 const MAX_RATIO_FACTOR: f64 = 100.0;
-/// Smallest variance, as a share of the usual one. At this level, residuals are rounding errors.
-const MIN_VARIANCE: f64 = 1e-18;
-/// Number of bisections in the search for a variance.
-const HALVINGS: usize = 200;
 
 /// Excess scatter of rows beyond the instrument's stated noise, one standard deviation of a coordinate.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -238,19 +235,12 @@ fn estimated(
             .map(|(square, stated)| (*square, *stated, usual * usual))
             .collect()
     };
-    let of_position = usual(&position, length_mm);
-    let of_rotation = usual(&rotation, angle_rad);
-    if position.freedom < MIN_FREEDOM || rotation.freedom < MIN_FREEDOM {
-        let both = [of_position, of_rotation].concat();
-        let scale = variance_over_usual(&both, position.freedom + rotation.freedom).sqrt();
-        return Noise {
-            position_mm: scale * length_mm,
-            rotation_rad: scale * angle_rad,
-        };
-    }
-    let of =
-        |terms: &[(f64, f64, f64)], class: &Class| variance_over_usual(terms, class.freedom).sqrt();
-    let (position, rotation) = (of(&of_position, &position), of(&of_rotation, &rotation));
+    let factor = match problem.request.set.has_poses() {
+        true => probable_variance_over_usual,
+        false => variance_over_usual,
+    };
+    let of = |class: &Class, usual_std: f64| factor(&usual(class, usual_std), class.freedom).sqrt();
+    let (position, rotation) = (of(&position, length_mm), of(&rotation, angle_rad));
     Noise {
         position_mm: position * length_mm,
         rotation_rad: rotation.clamp(position / MAX_RATIO_FACTOR, position * MAX_RATIO_FACTOR)
@@ -317,29 +307,4 @@ fn classes(
         }
     }
     classes
-}
-
-/// The factor c² for which Σ square/(stated² + c²·usual²) equals `freedom`. Terms are (square, stated², usual²). [`MIN_VARIANCE`] if the stated
-/// noise is sufficient.
-pub(super) fn variance_over_usual(terms: &[(f64, f64, f64)], freedom: f64) -> f64 {
-    let freedom = freedom.max(1.0);
-    let sum = |c2: f64| -> f64 {
-        let term = |(square, stated, usual): &(f64, f64, f64)| square / (stated + c2 * usual);
-        terms.iter().map(term).sum()
-    };
-    if terms.iter().all(|(_, stated, _)| *stated == 0.0) {
-        return (sum(1.0) / freedom).max(MIN_VARIANCE);
-    }
-    let (mut low, mut high) = (MIN_VARIANCE, 1.0 / MIN_VARIANCE);
-    if sum(low) <= freedom {
-        return low;
-    }
-    for _ in 0..HALVINGS {
-        let middle = (low * high).sqrt();
-        match sum(middle) > freedom {
-            true => low = middle,
-            false => high = middle,
-        }
-    }
-    high
 }

@@ -130,6 +130,8 @@ pub struct Problem<'a> {
     pub reach_mm: f64,
     /// Minimum noise of a row of weight 1, mm: the file's resolution, or the instrument's stated noise.
     pub least_sigma_mm: f64,
+    /// Usual noise of a row, mm, if the noise has a prior: that of poses. Few of them are fitted without a rest, which says nothing of the noise.
+    pub usual_sigma_mm: Option<f64>,
     parameters: Vec<Parameter>,
     blocks: Vec<Block<'a>>,
 }
@@ -318,15 +320,15 @@ impl<'a> Problem<'a> {
                 flange,
             }
         };
-        let blocks = measured
-            .filter(|(o, _)| o.weight > 0.0)
-            .map(block)
-            .collect();
+        let counting = measured.filter(|(o, _)| o.weight > 0.0);
+        let blocks: Vec<Block<'a>> = counting.map(block).collect();
+        let is_posed = blocks.iter().any(|block| block.rows.len() == 6);
         Self {
             reference,
             variables: parameters.iter().map(|p| variable(*p, reach_mm)).collect(),
             reach_mm,
             least_sigma_mm: MIN_SIGMA * reach_mm,
+            usual_sigma_mm: is_posed.then(|| usual_length_mm(reach_mm)),
             parameters: parameters.to_vec(),
             blocks,
         }
@@ -407,6 +409,7 @@ impl<'a> Problem<'a> {
             variables: self.variables.clone(),
             reach_mm: self.reach_mm,
             least_sigma_mm: self.least_sigma_mm,
+            usual_sigma_mm: self.usual_sigma_mm,
             parameters: self.parameters.clone(),
             blocks: blocks.map(&mut after_the_last).collect(),
         }
