@@ -7,16 +7,18 @@
 //! The excess is the same in all directions. An instrument that states a covariance C of a position thus has C + s²·1. A distance that is ten times
 //! more accurate than the angles has ten times the influence only if the robot is as accurate.
 
+use crate::calibration::Error;
+use crate::calibration::preparation::motions::fit_motions;
 use crate::calibration::preparation::observe::{Observed, relative_weights, to_base};
 use crate::calibration::preparation::placement::placed;
 use crate::calibration::problem::Problem;
 use crate::calibration::request::{CalibrationRequest, Method, Preset};
 use crate::identification::least_squares::estimate::{Estimate, estimate};
-use crate::identification::least_squares::linearisation::decomposition_at;
-use crate::identification::least_squares::multistart::{BestStart, best_start};
 use crate::identification::least_squares::evidence::{
     probable_variance_over_usual, variance_over_usual,
 };
+use crate::identification::least_squares::linearisation::decomposition_at;
+use crate::identification::least_squares::multistart::{BestStart, best_start};
 use crate::identification::least_squares::problem::{self, USUAL_ANGLE_RAD, usual_length_mm};
 use crate::identification::model::objective::Observation;
 use crate::identification::model::parameters::Parameter;
@@ -89,10 +91,14 @@ pub(super) fn uneven_noise(point: &Point) -> Option<&PositionNoise> {
 
 /// Weighs the points of a problem, including those to verify, and recomputes the decomposition. Does nothing for positions without poses and without
 /// direction-dependent noise.
-pub fn weigh(problem: &mut Problem<'_>, watch: &Watch<'_>) {
-    let is_by_direction = is_by_direction(problem.request, &problem.request.set);
-    if !problem.request.set.has_poses() && !is_by_direction {
-        return;
+///
+/// # Errors
+/// As [`fit_motions`].
+pub fn weigh(problem: &mut Problem<'_>, watch: &Watch<'_>) -> Result<(), Error> {
+    let (request, has_poses) = (problem.request, problem.request.set.has_poses());
+    let is_by_direction = is_by_direction(request, &request.set);
+    if !has_poses && !is_by_direction {
+        return Ok(());
     }
     let n_targets = problem.screening.targets.len();
     let start = start_of_poses(problem).model;
@@ -119,7 +125,7 @@ pub fn weigh(problem: &mut Problem<'_>, watch: &Watch<'_>) {
         };
         let found = estimate(&rows, &rows.coordinates(&model), 0.0, go_on);
         if watch.was_stopped() {
-            return;
+            return Ok(());
         }
         let weighed = Weighed {
             points: &points,
@@ -136,6 +142,18 @@ pub fn weigh(problem: &mut Problem<'_>, watch: &Watch<'_>) {
         }
     }
     apply(problem, &noise, is_by_direction);
+    if has_poses && problem.arrangement.motions.len() > 1 {
+        let (observed, arrangement) = (&mut problem.observed, &mut problem.arrangement);
+        fit_motions(
+            request,
+            observed,
+            arrangement,
+            Some(Subset::Identify),
+            watch,
+        )?;
+        problem.arrangement.apply(&mut problem.observed);
+        problem.identify = problem.observed.of(Subset::Identify);
+    }
     // the nominal robot ("before") is placed with the same weights as the identified one
     let counting = problem.identify.iter().filter(|o| o.weight > 0.0);
     let counting: Vec<Observation> = counting.cloned().collect();
@@ -147,6 +165,7 @@ pub fn weigh(problem: &mut Problem<'_>, watch: &Watch<'_>) {
         &problem.decomposition.scale,
         &problem.identify,
     );
+    Ok(())
 }
 
 /// Variance of a coordinate of a point's position and rotation, mm² and rad².
