@@ -43,6 +43,8 @@ pub struct Point {
     pub position_noise: Option<PositionNoise>,
     /// Standard uncertainty of one component of the rotation vector, rad.
     pub std_rotation_rad: Option<f64>,
+    /// For a pose: where, in the target's frame, the noise of the position is independent of that of the rotation, mm. Zero at the target itself.
+    pub lever_mm: Vector3<f64>,
 }
 
 /// All points of one upload, in file order.
@@ -77,6 +79,7 @@ impl Point {
             rotation_angles_rad: None,
             position_noise: None,
             std_rotation_rad: None,
+            lever_mm: Vector3::zeros(),
         }
     }
 }
@@ -121,6 +124,7 @@ impl MeasurementSet {
                 continue;
             };
             let back = rotation.inverse();
+            point.lever_mm = point.position_mm;
             point.position_mm = -(back * point.position_mm);
             point.rotation = Some(back);
             point.rotation_angles_rad = None;

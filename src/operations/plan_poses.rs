@@ -182,6 +182,7 @@ fn of_each_station(robot: &Robot, set: &MeasurementSet) -> Vec<Vec<Observation>>
         rotation: point.rotation.map(|rotation| MeasuredRotation {
             rotation,
             mm_per_rad: 1.0,
+            lever_mm: point.lever_mm,
         }),
         ..Observation::at(
             robot.q_model_rad(&point.q_rad),

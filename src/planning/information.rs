@@ -171,6 +171,7 @@ fn predicted_rotation(
     Some(MeasuredRotation {
         rotation,
         mm_per_rad,
+        lever_mm: Vector3::zeros(),
     })
 }
 

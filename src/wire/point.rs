@@ -214,6 +214,7 @@ impl PointBody {
                 .or(of_covariance.and_then(|c| PositionNoise::of_covariance(&c))),
             std_rotation_rad: self.std_rotation_deg.map(f64::to_radians),
             rotation_angles_rad: None,
+            lever_mm: Vector3::zeros(),
         }
     }
 }

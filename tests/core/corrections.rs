@@ -85,6 +85,7 @@ fn derivatives_equal_central_differences() {
                 rotation: model.rotation(&q_rad, i % 2).unwrap()
                     * rotation_exp(&(random.vector() * 0.3)),
                 mm_per_rad: 400.0,
+                lever_mm: Vector3::new(30.0, -20.0, 500.0),
             }),
             q_rad,
             position_mm: random.vector() * 1000.0,

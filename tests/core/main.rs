@@ -9,6 +9,7 @@ mod corrections;
 mod drift;
 mod estimate;
 mod exchange;
+mod few_poses;
 mod final_fit;
 mod follow_ups;
 mod frames;

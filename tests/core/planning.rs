@@ -243,6 +243,7 @@ fn what_was_measured_already_counts_and_is_not_measured_again() {
             rotation: Some(MeasuredRotation {
                 rotation: nalgebra::Rotation3::from_euler_angles(0.1, 2.0, 0.3),
                 mm_per_rad: 1.0,
+                lever_mm: Vector3::zeros(),
             }),
             ..o.clone()
         })

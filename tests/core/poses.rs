@@ -28,14 +28,14 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 /// Joint values of simulated poses: everywhere between these limits and their negatives, degrees.
-const LIMITS_DEG: [f64; 6] = [150.0, 60.0, 70.0, 170.0, 110.0, 170.0];
+pub const LIMITS_DEG: [f64; 6] = [150.0, 60.0, 70.0, 170.0, 110.0, 170.0];
 
 fn nominal() -> Robot {
     paper_robot()
 }
 
 /// A robot with errors of 0.3 mm and 0.05°, somewhere in the room, with a target that is turned on its flange.
-fn truth(nominal: &Robot, random: &mut Normal) -> KinematicModel {
+pub fn truth(nominal: &Robot, random: &mut Normal) -> KinematicModel {
     let mut truth = true_robot(nominal, 1, random);
     truth.target_rotations = vec![rotation_exp(&random.vector())];
     truth
@@ -43,12 +43,12 @@ fn truth(nominal: &Robot, random: &mut Normal) -> KinematicModel {
 
 /// Noise of each coordinate of position (mm) and rotation vector (rad).
 #[derive(Clone, Copy)]
-struct Noise {
-    position_mm: f64,
-    rotation_rad: f64,
+pub struct Noise {
+    pub position_mm: f64,
+    pub rotation_rad: f64,
 }
 
-const TRACKED: Noise = Noise {
+pub const TRACKED: Noise = Noise {
     position_mm: 0.1,
     rotation_rad: 1e-3,
 };
@@ -58,7 +58,12 @@ const PRECISE: Noise = Noise {
     rotation_rad: 2e-4,
 };
 
-fn measured(truth: &KinematicModel, n: usize, noise: Noise, random: &mut Normal) -> MeasurementSet {
+pub fn measured(
+    truth: &KinematicModel,
+    n: usize,
+    noise: Noise,
+    random: &mut Normal,
+) -> MeasurementSet {
     let points = (0..n)
         .map(|row| {
             let q_rad = random.pose(&LIMITS_DEG);
@@ -88,6 +93,7 @@ fn observations(nominal: &Robot, set: &MeasurementSet) -> Vec<Observation> {
         rotation: p.rotation.map(|rotation| MeasuredRotation {
             rotation,
             mm_per_rad: 400.0,
+            lever_mm: p.lever_mm,
         }),
     };
     set.points.iter().map(observation).collect()
@@ -102,14 +108,19 @@ fn derivatives_of_a_poses_rows_are_those_of_central_differences() {
         position_mm: 50.0,
         rotation_rad: 0.5,
     };
-    let set = measured(&truth, 9, coarse, &mut random);
-    let points = observations(&nominal, &set);
+    let mut set = measured(&truth, 9, coarse, &mut random);
     let mut parameters = complete_parameters(6, 1);
     parameters.extend(target_rotation_parameters(&[0]));
-    let problem = Problem::new(truth, &parameters, &points);
-    let x: Vec<f64> = parameters.iter().map(|_| 0.5 * random.draw()).collect();
-    assert_eq!((problem.n_rows(), x.len()), (54, 42));
-    assert_derivatives(&problem, &parameters, &x);
+    for lever_mm in [Vector3::zeros(), Vector3::new(40.0, -30.0, 900.0)] {
+        for point in &mut set.points {
+            point.lever_mm = lever_mm;
+        }
+        let points = observations(&nominal, &set);
+        let problem = Problem::new(truth.clone(), &parameters, &points);
+        let x: Vec<f64> = parameters.iter().map(|_| 0.5 * random.draw()).collect();
+        assert_eq!((problem.n_rows(), x.len()), (54, 42));
+        assert_derivatives(&problem, &parameters, &x);
+    }
 }
 
 #[test]

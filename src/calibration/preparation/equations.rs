@@ -103,6 +103,7 @@ pub fn generic_jacobian(
             o.rotation = predicted.map(|rotation| MeasuredRotation {
                 rotation,
                 mm_per_rad,
+                lever_mm: Vector3::zeros(),
             });
         }
     }

@@ -4,7 +4,7 @@ use crate::calibration::preparation::screening::{Screening, loss};
 use crate::calibration::request::{CalibrationRequest, Loss};
 use crate::identification::KinematicModel;
 use crate::identification::least_squares::estimate::FitSummary;
-use crate::identification::model::objective::{Observation, residuals, squared_rows_mm2};
+use crate::identification::model::objective::{Observation, squared_rows_mm2};
 use crate::identification::model::pose_rows::{MeasuredRotation, rotation_residual_rad};
 use crate::kinematics::batch::Bound;
 use crate::kinematics::rotation::rotation_exp;
@@ -129,10 +129,10 @@ impl PointLoss {
         let factors = lengths.iter().map(|s| loss.weight(*s) / mean_slope - 1.0);
         observations
             .iter()
-            .zip(residuals(model, observations))
             .zip(factors)
-            .map(|((o, e), factor)| Observation {
-                position_mm: o.position_mm + e * factor,
+            .map(|(o, factor)| Observation {
+                position_mm: o.position_mm
+                    + (o.position_mm - model.position(&o.q_rad, o.target)) * factor,
                 rotation: pulled_rotation(model, o, factor),
                 ..o.clone()
             })

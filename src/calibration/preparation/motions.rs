@@ -4,17 +4,18 @@ use crate::calibration::Error;
 use crate::calibration::preparation::arrangement::{
     Arrangement, FittedTargets, MIN_OF_SETUP, motion, standing, with_moved_targets,
 };
-use crate::calibration::preparation::observe::{Observed, free_parameters};
+use crate::calibration::preparation::observe::{Observed, free_parameters, with_target_rotations};
 use crate::calibration::preparation::placement::{nominal_model, placed};
 use crate::calibration::request::CalibrationRequest;
 use crate::identification::KinematicModel;
-use crate::identification::least_squares::estimate::least_squares_while;
+use crate::identification::least_squares::estimate::{estimate, least_squares_while};
 use crate::identification::least_squares::linearisation::decomposition_at;
 use crate::identification::least_squares::multistart::best_start;
 use crate::identification::least_squares::problem::{Problem, reach_mm};
 use crate::identification::model::identifiability::prior_scales;
 use crate::identification::model::objective::{Observation, weighted_jacobian, weighted_residuals};
 use crate::identification::model::parameters::Parameter;
+use crate::identification::model::pose_rows::rows_by_turn;
 use crate::identification::screening::columns::Columns;
 use crate::measurement::Subset;
 use crate::solvers::watch::Watch;
@@ -69,17 +70,29 @@ pub fn derivatives(
     let directions = decomposition_at(model, parameters, &scale, observations).seen_directions();
     let seen = weighted_jacobian(model, parameters, observations, &Vector3::zeros()) * directions;
     let moving = moving(arrangement, points);
-    let mut all = DMatrix::zeros(seen.nrows(), seen.ncols() + 6 * moving.len());
-    all.columns_mut(0, seen.ncols()).copy_from(&seen);
-    for (k, setup) in moving.iter().enumerate() {
-        for (row, point) in points
-            .iter()
-            .enumerate()
-            .filter(|(_, point)| arrangement.setups[**point] == *setup)
-        {
-            all.fixed_view_mut::<3, 6>(3 * row, seen.ncols() + 6 * k)
-                .copy_from(columns.base(*point));
+    let n_seen = seen.ncols();
+    let mut all = seen.resize_horizontally(n_seen + 6 * moving.len(), 0.0);
+    let mut row = 0;
+    for (o, point) in observations.iter().zip(points) {
+        let setup = arrangement.setups[*point];
+        if let Some(k) = moving.iter().position(|moving| *moving == setup) {
+            let first = n_seen + 6 * k;
+            let mut here = all.fixed_view_mut::<3, 6>(row, first);
+            here.copy_from(columns.base(*point));
+            let posed = o.rotation.as_ref().zip(model.rotation(&o.q_rad, o.target));
+            if let Some((measured, predicted)) = posed {
+                // a motion of what was measured changes the residual as the opposite motion of the prediction
+                let per_unit = o.weight.sqrt() * measured.mm_per_rad / columns.size_mm();
+                let turned = rows_by_turn(&predicted, measured) * per_unit;
+                all.fixed_view_mut::<3, 3>(row + 3, first + 3)
+                    .copy_from(&turned);
+                if let Some(coupling) = o.coupling() {
+                    let mut here = all.fixed_view_mut::<3, 3>(row, first + 3);
+                    here += coupling * turned;
+                }
+            }
         }
+        row += o.n_rows(model);
     }
     all
 }
@@ -132,15 +145,23 @@ pub fn fit_motions(
             subset.is_none_or(|s| observed.subsets[*p] == s) && observed.all[*p].weight > 0.0
         })
         .collect();
+    // positions determine a robot without motions; with motions, the rotations of poses count
+    let has_motions = arrangement.motions.len() > 1;
+    let fitted_of = |observed: &Observed| -> Vec<Observation> {
+        let all = points.iter().map(|p| &observed.all[*p]);
+        match has_motions {
+            true => all.cloned().collect(),
+            false => all.map(Observation::position_alone).collect(),
+        }
+    };
+    let parameters = with_target_rotations(parameters, &fitted_of(observed));
     let (mut nominal, mut model) = (None, None);
     for _ in 0..MOTION_FITS {
         arrangement.apply(observed);
-        // motions are determined by positions alone
-        let of_position = |p: &usize| observed.all[*p].position_alone();
-        let fitted: Vec<Observation> = points.iter().map(of_position).collect();
-        if subset.is_some() && arrangement.motions.len() < 2 {
+        if subset.is_some() && !has_motions {
             break;
         }
+        let fitted = fitted_of(observed);
         let nominal =
             &*nominal.get_or_insert_with(|| nominal_model(request, &fitted, targets.len()));
         let start = model.take().unwrap_or_else(|| {
@@ -150,46 +171,50 @@ pub fn fit_motions(
             .model
         });
         let rows = Problem::new(nominal.clone(), &parameters, &fitted);
-        let fit = least_squares_while(&rows, &start, watch);
-        let found = if arrangement.motions.len() < 2 {
-            true
-        } else {
-            let noise_mm = rows.least_sigma_mm;
-            move_setups(
-                (&fit, &parameters),
-                observed,
-                arrangement,
-                &points,
-                noise_mm,
-            )
+        // few poses of several set-ups leave no rest, and noise and priors decide
+        let (fit, noise_mm) = match rows.usual_sigma_mm {
+            None => {
+                let fit = least_squares_while(&rows, &start, watch);
+                (fit, rows.least_sigma_mm)
+            }
+            Some(_) => {
+                let go_on = &mut |_| watch.flow();
+                let found = estimate(&rows, &rows.coordinates(&start), 0.0, go_on);
+                (found.model, found.evidence.sigma_mm)
+            }
+        };
+        let found = !has_motions || {
+            let points = (points.as_slice(), fitted.as_slice());
+            move_setups((&fit, &parameters), observed, arrangement, points, noise_mm)
         };
         model = Some(fit);
         if found || watch.was_stopped() {
             break;
         }
     }
-    Ok(model.unwrap_or_else(|| KinematicModel::nominal(&request.robot.links, targets.len())))
+    let nominal = || KinematicModel::nominal(&request.robot.links, targets.len());
+    // what follows are searches in positions
+    Ok(KinematicModel {
+        target_rotations: vec![],
+        ..model.unwrap_or_else(nominal)
+    })
 }
 
 /// One Gauss-Newton step of the motions together with all other unknowns, from the most probable robot for the present motions. Returns true once the step
-/// is small. `least_noise_mm` bounds the noise of a coordinate from below.
+/// is small. `noise_mm` bounds the noise of a coordinate from below.
 fn move_setups(
     (model, parameters): (&KinematicModel, &[Parameter]),
     observed: &Observed,
     arrangement: &mut Arrangement,
-    points: &[usize],
-    least_noise_mm: f64,
+    (points, fitted): (&[usize], &[Observation]),
+    noise_mm: f64,
 ) -> bool {
     let columns = Columns::new(model, &observed.all);
-    let of_position = |p: &usize| observed.all[*p].position_alone();
-    let fitted: Vec<Observation> = points.iter().map(of_position).collect();
-    let derivatives = derivatives(model, parameters, &fitted, &columns, arrangement, points);
+    let derivatives = derivatives(model, parameters, fitted, &columns, arrangement, points);
     let moving = moving(arrangement, points);
     let n_seen = derivatives.ncols() - 6 * moving.len();
-    let residuals = weighted_residuals(model, &fitted);
-    let noise_mm = (residuals.norm_squared() / residuals.len().max(1) as f64)
-        .sqrt()
-        .max(least_noise_mm);
+    let residuals = weighted_residuals(model, fitted);
+    let noise_mm = noise_mm.max((residuals.norm_squared() / residuals.len().max(1) as f64).sqrt());
     let Some(solution) = most_probable_step(derivatives, &residuals, n_seen, noise_mm) else {
         return true;
     };

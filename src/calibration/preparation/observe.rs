@@ -186,6 +186,7 @@ fn observations(
         rotation: point.rotation.map(|rotation| MeasuredRotation {
             rotation: to_base.rotation * rotation,
             mm_per_rad,
+            lever_mm: point.lever_mm,
         }),
     };
     set.points.iter().zip(weights).map(observation).collect()

@@ -6,10 +6,12 @@
 
 use crate::calibration::preparation::arrangement::Arrangement;
 use crate::calibration::preparation::observe::{Observed, relative_weights};
-use crate::calibration::preparation::row_weights::{uneven_noise, variance_over_usual, whiten};
+use crate::calibration::preparation::row_weights::{uneven_noise, whiten};
 use crate::calibration::preparation::screening::Outlier;
 use crate::identification::KinematicModel;
+use crate::identification::least_squares::evidence::variance_over_usual;
 use crate::identification::least_squares::problem::{USUAL_ANGLE_RAD, usual_length_mm};
+use crate::identification::model::objective::residual_mm;
 use crate::identification::model::pose_rows::rotation_residual_rad;
 use crate::kinematics::reach_mm;
 use crate::measurement::{MeasurementSet, Point};
@@ -43,7 +45,7 @@ pub fn weigh_placed(
             let std_rad = point.std_rotation_rad.unwrap_or(0.0);
             turned.push((square, std_rad * std_rad, USUAL_ANGLE_RAD * USUAL_ANGLE_RAD));
         }
-        let residual = o.position_mm - model.position(&o.q_rad, o.target);
+        let residual = residual_mm(model, o);
         match uneven_noise(point) {
             Some(noise) => {
                 let measured = motion_of(row).rotation.inverse() * residual;

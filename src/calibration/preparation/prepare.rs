@@ -61,7 +61,7 @@ impl<'a> Problem<'a> {
             priors,
             least_sigma_mm: None,
         };
-        weigh(&mut problem, watch);
+        weigh(&mut problem, watch)?;
         problem.priors = stated_priors(&problem, watch)?;
         Ok(problem)
     }

@@ -7,11 +7,16 @@
 //! The excess is the same in all directions. An instrument that states a covariance C of a position thus has C + s²·1. A distance that is ten times
 //! more accurate than the angles has ten times the influence only if the robot is as accurate.
 
+use crate::calibration::Error;
+use crate::calibration::preparation::motions::fit_motions;
 use crate::calibration::preparation::observe::{Observed, relative_weights, to_base};
 use crate::calibration::preparation::placement::placed;
 use crate::calibration::problem::Problem;
 use crate::calibration::request::{CalibrationRequest, Method, Preset};
 use crate::identification::least_squares::estimate::{Estimate, estimate};
+use crate::identification::least_squares::evidence::{
+    probable_variance_over_usual, variance_over_usual,
+};
 use crate::identification::least_squares::linearisation::decomposition_at;
 use crate::identification::least_squares::multistart::{BestStart, best_start};
 use crate::identification::least_squares::problem::{self, USUAL_ANGLE_RAD, usual_length_mm};
@@ -27,14 +32,8 @@ use std::ops::ControlFlow;
 const ROUNDS: usize = 12;
 /// The rounds end when both standard deviations change by less than this share.
 const CONVERGED: f64 = 1e-3;
-/// Minimum redundancy of a class. With less, both classes are estimated together, in their usual ratio.
-const MIN_FREEDOM: f64 = 10.0;
 /// The ratio of both standard deviations may differ from the usual ratio by this factor at most.
 const MAX_RATIO_FACTOR: f64 = 100.0;
-/// Smallest variance, as a share of the usual one. At this level, residuals are rounding errors.
-const MIN_VARIANCE: f64 = 1e-18;
-/// Number of bisections in the search for a variance.
-const HALVINGS: usize = 200;
 
 /// Excess scatter of rows beyond the instrument's stated noise, one standard deviation of a coordinate.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -92,10 +91,14 @@ pub(super) fn uneven_noise(point: &Point) -> Option<&PositionNoise> {
 
 /// Weighs the points of a problem, including those to verify, and recomputes the decomposition. Does nothing for positions without poses and without
 /// direction-dependent noise.
-pub fn weigh(problem: &mut Problem<'_>, watch: &Watch<'_>) {
-    let is_by_direction = is_by_direction(problem.request, &problem.request.set);
-    if !problem.request.set.has_poses() && !is_by_direction {
-        return;
+///
+/// # Errors
+/// As [`fit_motions`].
+pub fn weigh(problem: &mut Problem<'_>, watch: &Watch<'_>) -> Result<(), Error> {
+    let (request, has_poses) = (problem.request, problem.request.set.has_poses());
+    let is_by_direction = is_by_direction(request, &request.set);
+    if !has_poses && !is_by_direction {
+        return Ok(());
     }
     let n_targets = problem.screening.targets.len();
     let start = start_of_poses(problem).model;
@@ -122,7 +125,7 @@ pub fn weigh(problem: &mut Problem<'_>, watch: &Watch<'_>) {
         };
         let found = estimate(&rows, &rows.coordinates(&model), 0.0, go_on);
         if watch.was_stopped() {
-            return;
+            return Ok(());
         }
         let weighed = Weighed {
             points: &points,
@@ -139,6 +142,18 @@ pub fn weigh(problem: &mut Problem<'_>, watch: &Watch<'_>) {
         }
     }
     apply(problem, &noise, is_by_direction);
+    if has_poses && problem.arrangement.motions.len() > 1 {
+        let (observed, arrangement) = (&mut problem.observed, &mut problem.arrangement);
+        fit_motions(
+            request,
+            observed,
+            arrangement,
+            Some(Subset::Identify),
+            watch,
+        )?;
+        problem.arrangement.apply(&mut problem.observed);
+        problem.identify = problem.observed.of(Subset::Identify);
+    }
     // the nominal robot ("before") is placed with the same weights as the identified one
     let counting = problem.identify.iter().filter(|o| o.weight > 0.0);
     let counting: Vec<Observation> = counting.cloned().collect();
@@ -150,6 +165,7 @@ pub fn weigh(problem: &mut Problem<'_>, watch: &Watch<'_>) {
         &problem.decomposition.scale,
         &problem.identify,
     );
+    Ok(())
 }
 
 /// Variance of a coordinate of a point's position and rotation, mm² and rad².
@@ -238,19 +254,12 @@ fn estimated(
             .map(|(square, stated)| (*square, *stated, usual * usual))
             .collect()
     };
-    let of_position = usual(&position, length_mm);
-    let of_rotation = usual(&rotation, angle_rad);
-    if position.freedom < MIN_FREEDOM || rotation.freedom < MIN_FREEDOM {
-        let both = [of_position, of_rotation].concat();
-        let scale = variance_over_usual(&both, position.freedom + rotation.freedom).sqrt();
-        return Noise {
-            position_mm: scale * length_mm,
-            rotation_rad: scale * angle_rad,
-        };
-    }
-    let of =
-        |terms: &[(f64, f64, f64)], class: &Class| variance_over_usual(terms, class.freedom).sqrt();
-    let (position, rotation) = (of(&of_position, &position), of(&of_rotation, &rotation));
+    let factor = match problem.request.set.has_poses() {
+        true => probable_variance_over_usual,
+        false => variance_over_usual,
+    };
+    let of = |class: &Class, usual_std: f64| factor(&usual(class, usual_std), class.freedom).sqrt();
+    let (position, rotation) = (of(&position, length_mm), of(&rotation, angle_rad));
     Noise {
         position_mm: position * length_mm,
         rotation_rad: rotation.clamp(position / MAX_RATIO_FACTOR, position * MAX_RATIO_FACTOR)
@@ -317,29 +326,4 @@ fn classes(
         }
     }
     classes
-}
-
-/// The factor c² for which Σ square/(stated² + c²·usual²) equals `freedom`. Terms are (square, stated², usual²). [`MIN_VARIANCE`] if the stated
-/// noise is sufficient.
-pub(super) fn variance_over_usual(terms: &[(f64, f64, f64)], freedom: f64) -> f64 {
-    let freedom = freedom.max(1.0);
-    let sum = |c2: f64| -> f64 {
-        let term = |(square, stated, usual): &(f64, f64, f64)| square / (stated + c2 * usual);
-        terms.iter().map(term).sum()
-    };
-    if terms.iter().all(|(_, stated, _)| *stated == 0.0) {
-        return (sum(1.0) / freedom).max(MIN_VARIANCE);
-    }
-    let (mut low, mut high) = (MIN_VARIANCE, 1.0 / MIN_VARIANCE);
-    if sum(low) <= freedom {
-        return low;
-    }
-    for _ in 0..HALVINGS {
-        let middle = (low * high).sqrt();
-        match sum(middle) > freedom {
-            true => low = middle,
-            false => high = middle,
-        }
-    }
-    high
 }

@@ -203,7 +203,7 @@ impl<'a> Problem<'a> {
             ..self.clone()
         };
         // all points tell more of the noise of positions and rotations than the identify subset alone
-        weigh(&mut problem, watch);
+        weigh(&mut problem, watch)?;
         problem.priors = stated_priors(&problem, watch)?;
         Ok(problem.decomposed_with_tool_of(model))
     }

@@ -5,7 +5,7 @@ use crate::calibration::preparation::observe::Observed;
 use crate::calibration::report::{Errors, RotationErrors, RotationErrorsOfBoth, SubsetErrors};
 use crate::identification::KinematicModel;
 use crate::identification::corrections::corrected::IdentifiedRobot;
-use crate::identification::model::objective::{Observation, residuals};
+use crate::identification::model::objective::{Observation, left_at_lever, residuals};
 use crate::identification::model::pose_rows::rotation_residual_rad;
 use crate::measurement::Subset;
 use nalgebra::Vector3;
@@ -149,7 +149,8 @@ pub fn per_point(
         robot.map(|(robot, points)| {
             if robot.corrected.is_some() {
                 let o = &points[i];
-                o.position_mm - robot.position(&o.q_rad, o.target)
+                let left = o.position_mm - robot.position(&o.q_rad, o.target);
+                left_at_lever(left, robot.rotation(&o.q_rad, o.target).as_ref(), o)
             } else {
                 after[i]
             }

@@ -129,11 +129,15 @@ struct Points {
     is_placed_anew: bool,
 }
 
-/// The positions alone, with targets numbered as in the model. `None` if the stored estimate does not belong to the released set.
+/// The positions, with targets numbered as in the model. `None` if the stored estimate does not belong to the released set.
 fn points(request: &CalibrationRequest, plain: &KinematicModel, kept: &Estimate) -> Option<Points> {
     let observed = observe_to_verify(request).all;
-    let mut observations: Vec<Observation> =
-        observed.iter().map(Observation::position_alone).collect();
+    // a carried camera measures where it sees the board: that takes the rotation
+    let counting = |o: Observation| match o.coupling() {
+        Some(_) => o,
+        None => o.position_alone(),
+    };
+    let mut observations: Vec<Observation> = observed.into_iter().map(counting).collect();
     let nearest = SAME_ROBOT_PER_REACH * reach_mm(&plain.links);
     let is_same = plain.links.len() == kept.model.links.len()
         && observations.iter().all(|o| {

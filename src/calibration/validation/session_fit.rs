@@ -11,7 +11,7 @@ use crate::identification::KinematicModel;
 use crate::identification::least_squares::estimate::estimate;
 use crate::identification::least_squares::problem::Problem;
 use crate::identification::least_squares::start::{fit_base_and_targets, fit_targets};
-use crate::identification::model::objective::Observation;
+use crate::identification::model::objective::{Observation, residual_mm};
 use crate::identification::model::parameters::complete_parameters;
 use crate::kinematics::{Link, Robot, reach_mm};
 use crate::solvers::median::median;
@@ -162,7 +162,7 @@ pub fn nominal_fit(
     let shrunk = (n_equations as f64 / n_equations.saturating_sub(n_fitted).max(1) as f64).sqrt();
     let errors_mm: Vec<[f64; 3]> = observations
         .iter()
-        .map(|o| [shrunk * (o.position_mm - model.position(&o.q_rad, o.target)).norm(); 3])
+        .map(|o| [shrunk * residual_mm(&model, o).norm(); 3])
         .collect();
     session_fit(&errors_mm, None, robot, || 0.0)
 }
@@ -172,11 +172,7 @@ pub fn own_scatter_mm(model: &KinematicModel, observations: &[Observation]) -> f
     let Some(fitted) = fitted_as_well_as_can_be(&model.links, observations) else {
         return 0.0;
     };
-    typical_mm(
-        observations
-            .iter()
-            .map(|o| (o.position_mm - fitted.position(&o.q_rad, o.target)).norm()),
-    )
+    typical_mm(observations.iter().map(|o| residual_mm(&fitted, o).norm()))
 }
 
 /// The robot with links, base and targets fitted; `None` if there are too few points.

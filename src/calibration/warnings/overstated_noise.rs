@@ -3,6 +3,7 @@
 use crate::calibration::problem::Problem;
 use crate::calibration::report::Warning;
 use crate::identification::KinematicModel;
+use crate::identification::model::objective::residual_mm;
 use crate::identification::model::pose_rows::rotation_residual_rad;
 use crate::measurement::Subset;
 
@@ -72,7 +73,7 @@ impl OverstatedNoise {
                 continue;
             }
             if let Some(std_mm) = point.position_std_mm().filter(|std_mm| *std_mm > 0.0) {
-                let residual_mm = o.position_mm - model.position(&o.q_rad, o.target);
+                let residual_mm = residual_mm(model, o);
                 of_positions.add(std_mm, residual_mm.norm_squared());
             }
             let std_rad = point.std_rotation_rad.filter(|std_rad| *std_rad > 0.0);

@@ -46,14 +46,23 @@ pub fn linearise(
                 (left, rows_by_turn(&predicted, measured) * root)
             });
             residuals.fixed_rows_mut::<3>(row).copy_from(&left);
-            (row, by_turn)
+            let coupling = o.coupling();
+            if let Some(coupling) = &coupling {
+                let mut here = residuals.fixed_rows_mut::<3>(3 * i);
+                here += coupling * left;
+            }
+            (row, by_turn, coupling)
         });
         let put = |to: &mut DMatrix<f64>, column: usize, moved: Moved| {
             let shift = o.whitened(moved.shift) * root;
             to.fixed_view_mut::<3, 1>(3 * i, column).copy_from(&shift);
-            if let Some((row, by_turn)) = turned {
+            if let Some((row, by_turn, coupling)) = turned {
                 let turn = by_turn * moved.turn;
                 to.fixed_view_mut::<3, 1>(row, column).copy_from(&turn);
+                if let Some(coupling) = coupling {
+                    let mut here = to.fixed_view_mut::<3, 1>(3 * i, column);
+                    here += coupling * turn;
+                }
             }
         };
         for (column, parameter) in parameters.iter().enumerate() {

@@ -28,6 +28,11 @@ const CONVERGED: f64 = 1e-4;
 /// Minimum number of determined coordinates for estimating the width of a kind.
 const MIN_DETERMINED: f64 = 0.5;
 
+/// Smallest variance, as a share of the usual one. At this level, residuals are rounding errors.
+const MIN_VARIANCE: f64 = 1e-18;
+/// Number of bisections in the search for a variance.
+const HALVINGS: usize = 200;
+
 /// See [`Noise::is_more_than`].
 const SIGNIFICANCE_LEVEL: f64 = 1e-3;
 
@@ -164,7 +169,7 @@ impl Evidence {
     ) -> Self {
         let posterior = at.solve(x, self);
         let mut next = Self {
-            sigma_mm: at.noise_mm(&posterior).max(least_sigma_mm),
+            sigma_mm: at.noise_mm(problem, &posterior).max(least_sigma_mm),
             ..self.clone()
         };
         for (k, kind) in KINDS.into_iter().enumerate() {
@@ -359,8 +364,16 @@ impl Triangle {
     }
 
     /// Noise of the rows at a solution, mm.
-    pub fn noise_mm(&self, posterior: &Posterior) -> f64 {
-        (self.left(&posterior.step) / self.freedom(posterior)).sqrt()
+    pub fn noise_mm(&self, problem: &Problem<'_>, posterior: &Posterior) -> f64 {
+        let left = self.left(&posterior.step);
+        match problem.usual_sigma_mm {
+            None => (left / self.freedom(posterior)).sqrt(),
+            Some(usual_mm) => {
+                let freedom = self.n_rows as f64 - posterior.n_determined;
+                let terms = [(left, 0.0, usual_mm * usual_mm)];
+                probable_variance_over_usual(&terms, freedom).sqrt() * usual_mm
+            }
+        }
     }
 
     /// Number of rows minus the number of coordinates that they determine, at least 1.
@@ -393,6 +406,46 @@ impl Triangle {
         }
         evidence
     }
+}
+
+/// The factor c² for which Σ square/(stated² + c²·usual²) equals `freedom`, between 1e-18, where residuals are rounding, and 1e18. Terms are (square,
+/// stated², usual²).
+pub fn variance_over_usual(terms: &[(f64, f64, f64)], freedom: f64) -> f64 {
+    if terms.iter().all(|(_, stated, _)| *stated == 0.0) {
+        let sum: f64 = terms.iter().map(|(square, _, usual)| square / usual).sum();
+        return (sum / freedom.max(1.0)).max(MIN_VARIANCE);
+    }
+    bisected(terms, |_| freedom.max(1.0))
+}
+
+/// As [`variance_over_usual`], the most probable c² with a prior: log c is normal about 0 with a standard deviation τ of one decade, since noise is
+/// usual, or ten times less or more. It adds log c/τ² to the freedom, the derivative of its logarithm, so that it decides only where the rows leave no
+/// freedom.
+pub fn probable_variance_over_usual(terms: &[(f64, f64, f64)], freedom: f64) -> f64 {
+    let decade = std::f64::consts::LN_10;
+    bisected(terms, |c2| {
+        freedom + 0.5 * libm::log(c2) / (decade * decade)
+    })
+}
+
+/// The c² for which Σ square/(stated² + c²·usual²) equals `freedom(c²)`.
+fn bisected(terms: &[(f64, f64, f64)], freedom: impl Fn(f64) -> f64) -> f64 {
+    let is_below = |c2: f64| -> bool {
+        let term = |(square, stated, usual): &(f64, f64, f64)| square / (stated + c2 * usual);
+        terms.iter().map(term).sum::<f64>() > freedom(c2)
+    };
+    let (mut low, mut high) = (MIN_VARIANCE, 1.0 / MIN_VARIANCE);
+    if !is_below(low) {
+        return low;
+    }
+    for _ in 0..HALVINGS {
+        let middle = (low * high).sqrt();
+        match is_below(middle) {
+            true => low = middle,
+            false => high = middle,
+        }
+    }
+    high
 }
 
 /// Inverse of the upper triangle in the first rows of a matrix.

@@ -130,6 +130,8 @@ pub struct Problem<'a> {
     pub reach_mm: f64,
     /// Minimum noise of a row of weight 1, mm: the file's resolution, or the instrument's stated noise.
     pub least_sigma_mm: f64,
+    /// Usual noise of a row, mm, if the noise has a prior: that of poses. Few of them are fitted without a rest, which says nothing of the noise.
+    pub usual_sigma_mm: Option<f64>,
     parameters: Vec<Parameter>,
     blocks: Vec<Block<'a>>,
 }
@@ -233,15 +235,25 @@ impl Block<'_> {
         };
         let Some(predicted) = predicted else { return };
         let root_mm = o.weight.sqrt() * measured.mm_per_rad;
-        let left = rotation_residual_rad(&predicted, measured);
-        fill_rows(&mut residuals[of_rotation.clone()], &(left * root_mm));
+        let left = rotation_residual_rad(&predicted, measured) * root_mm;
+        fill_rows(&mut residuals[of_rotation.clone()], &left);
+        let coupling = o.coupling();
+        let first = self.rows.start;
+        // rows of the position depend on those of the rotation
+        let add_to_position = |rows: &mut [f64], of_rotation: &Vector3<f64>| {
+            if let Some(coupling) = &coupling {
+                let added = coupling * of_rotation;
+                (0..3).for_each(|axis| rows[first + axis] += added[axis]);
+            }
+        };
+        add_to_position(residuals, &left);
         let Some(jacobian) = jacobian else { return };
         let rows_by = by.rows(&predicted, measured);
         for (j, variable) in problem.variables.iter().enumerate() {
             let column = &mut jacobian.column_mut(j);
-            let rows = &mut column.as_mut_slice()[of_rotation.clone()];
-            let derivative = rows_by * by.axis(&variable.parameter);
-            fill_rows(rows, &(derivative * (-root_mm * variable.width)));
+            let derivative = rows_by * by.axis(&variable.parameter) * (-root_mm * variable.width);
+            fill_rows(&mut column.as_mut_slice()[of_rotation.clone()], &derivative);
+            add_to_position(column.as_mut_slice(), &derivative);
         }
     }
 }
@@ -308,15 +320,15 @@ impl<'a> Problem<'a> {
                 flange,
             }
         };
-        let blocks = measured
-            .filter(|(o, _)| o.weight > 0.0)
-            .map(block)
-            .collect();
+        let counting = measured.filter(|(o, _)| o.weight > 0.0);
+        let blocks: Vec<Block<'a>> = counting.map(block).collect();
+        let is_posed = blocks.iter().any(|block| block.rows.len() == 6);
         Self {
             reference,
             variables: parameters.iter().map(|p| variable(*p, reach_mm)).collect(),
             reach_mm,
             least_sigma_mm: MIN_SIGMA * reach_mm,
+            usual_sigma_mm: is_posed.then(|| usual_length_mm(reach_mm)),
             parameters: parameters.to_vec(),
             blocks,
         }
@@ -397,6 +409,7 @@ impl<'a> Problem<'a> {
             variables: self.variables.clone(),
             reach_mm: self.reach_mm,
             least_sigma_mm: self.least_sigma_mm,
+            usual_sigma_mm: self.usual_sigma_mm,
             parameters: self.parameters.clone(),
             blocks: blocks.map(&mut after_the_last).collect(),
         }

@@ -4,7 +4,7 @@ use crate::identification::KinematicModel;
 use crate::identification::model::parameters::{Parameter, Quantity, left_jacobian};
 use crate::identification::model::pose_rows::{MeasuredRotation, TurnedBy, rotation_residual_rad};
 use crate::kinematics::{PositionJacobian, position_jacobian};
-use nalgebra::{DMatrix, DVector, IsometryMatrix3, Matrix3, Point3, Vector3};
+use nalgebra::{DMatrix, DVector, IsometryMatrix3, Matrix3, Point3, Rotation3, Vector3};
 use std::collections::BTreeSet;
 
 /// One measured pose in the form for fitting: joint values in the model's convention, position in the measuring frame.
@@ -75,6 +75,18 @@ impl Observation {
         }
     }
 
+    /// From the rotation rows of a pose to what is added to its position rows, if the noise is independent at a lever ℓ: there, the position residual is
+    /// e + R·(w × ℓ) = e − R·[ℓ]×·w, with w the rotation residual and R the measured rotation. `None` if the lever is zero.
+    ///
+    /// A camera measures a board at c ± δc, turned by R⁻¹. Inverted, the position is −R·c, and its error −R·δc is that at the board, ℓ = c.
+    pub fn coupling(&self) -> Option<Matrix3<f64>> {
+        let measured = self.rotation.as_ref();
+        let measured = measured.filter(|measured| measured.lever_mm != Vector3::zeros())?;
+        let lever = measured.lever_mm.cross_matrix() * (-1.0 / measured.mm_per_rad);
+        let coupling = measured.rotation.matrix() * lever;
+        Some(self.whitening.map_or(coupling, |w| w * coupling))
+    }
+
     /// Number of rows in a model: three for a position, six for a pose.
     pub fn n_rows(&self, model: &KinematicModel) -> usize {
         let is_pose = self.rotation.is_some() && self.target < model.target_rotations.len();
@@ -89,12 +101,33 @@ pub fn posed_targets(observations: &[Observation]) -> Vec<usize> {
     targets.into_iter().collect()
 }
 
-/// residual = measured − predicted of each observation, mm, unweighted.
+/// residual = measured − predicted of each observation, mm, unweighted: of the target, or of the point at a pose's lever.
 pub fn residuals(model: &KinematicModel, observations: &[Observation]) -> Vec<Vector3<f64>> {
-    observations
-        .iter()
-        .map(|o| o.position_mm - model.position(&o.q_rad, o.target))
-        .collect()
+    let residual = |o: &Observation| residual_mm(model, o);
+    observations.iter().map(residual).collect()
+}
+
+/// As [`residuals`], of one observation.
+pub fn residual_mm(model: &KinematicModel, o: &Observation) -> Vector3<f64> {
+    let predicted = model.rotation(&o.q_rad, o.target);
+    let left = o.position_mm - model.position(&o.q_rad, o.target);
+    left_at_lever(left, predicted.as_ref(), o)
+}
+
+/// Position residual of a pose at its lever, from that of its target, mm.
+pub fn left_at_lever(
+    left: Vector3<f64>,
+    predicted: Option<&Rotation3<f64>>,
+    o: &Observation,
+) -> Vector3<f64> {
+    let posed = o.rotation.as_ref().zip(predicted);
+    match posed.filter(|(measured, _)| measured.lever_mm != Vector3::zeros()) {
+        Some((measured, predicted)) => {
+            let turn = rotation_residual_rad(predicted, measured);
+            left + measured.rotation * turn.cross(&measured.lever_mm)
+        }
+        None => left,
+    }
 }
 
 /// Rotation residual of a measured pose, times the length by which rotation rows are weighed, mm; `None` for a position.
@@ -106,8 +139,7 @@ fn rotation_rows_mm(model: &KinematicModel, o: &Observation) -> Option<Vector3<f
 
 /// Σ |row|² of an observation of weight 1, mm².
 pub fn squared_rows_mm2(model: &KinematicModel, o: &Observation) -> f64 {
-    let residual = o.position_mm - model.position(&o.q_rad, o.target);
-    let of_position = o.whitened(residual).norm_squared();
+    let of_position = o.whitened(residual_mm(model, o)).norm_squared();
     of_position + rotation_rows_mm(model, o).map_or(0.0, |rows| rows.norm_squared())
 }
 
@@ -168,10 +200,14 @@ pub fn weighted_jacobian(
         {
             let by = TurnedBy::new(&at, left, Matrix3::identity(), observation.target);
             let rows = by.rows(&predicted, measured) * (root * measured.mm_per_rad);
+            let coupling = observation.coupling();
             for (column, parameter) in parameters.iter().enumerate() {
                 let derivative = rows * by.axis(parameter);
-                for axis in 0..3 {
-                    jacobian[(row + 3 + axis, column)] = derivative[axis];
+                let mut here = jacobian.fixed_view_mut::<3, 1>(row + 3, column);
+                here.copy_from(&derivative);
+                if let Some(coupling) = &coupling {
+                    let mut here = jacobian.fixed_view_mut::<3, 1>(row, column);
+                    here += coupling * derivative;
                 }
             }
         }

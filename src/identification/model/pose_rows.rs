@@ -12,6 +12,9 @@ pub struct MeasuredRotation {
     /// Length that converts an angle to the scale of positions: the standard deviation of a coordinate of the position over that of one of the
     /// rotation vector, mm/rad.
     pub mm_per_rad: f64,
+    /// The point, in the target's frame, whose measured position has noise that is independent of that of the rotation, mm. It is the target itself
+    /// (zero), or the board that a carried camera sees.
+    pub lever_mm: Vector3<f64>,
 }
 
 /// w = log(R_predictedᵀ · R_measured): the rotation from the predicted to the measured target, about axes of the target, rad.

@@ -14,8 +14,12 @@
 //! The test has the stated power if the square of that shift is the noncentrality at which F has this power.
 
 use crate::identification::KinematicModel;
-use crate::identification::model::objective::{Observation, residuals, weighted_jacobian};
-use crate::identification::model::parameters::{Parameter, Quantity, placement_parameters};
+use crate::identification::model::objective::{
+    Observation, posed_targets, residuals, weighted_jacobian,
+};
+use crate::identification::model::parameters::{
+    Parameter, Quantity, placement_parameters, target_rotation_parameters,
+};
 use crate::identification::statistics::changes::{
     Causes, Estimate, FALSE_ALARMS, causes, usual_error,
 };
@@ -49,7 +53,7 @@ pub struct Poses<'a> {
     pub before: &'a Estimate,
     /// Its links, with base and targets as in the estimate, or as they were placed anew.
     pub model: &'a KinematicModel,
-    /// The points without rotations; targets numbered as in `model`.
+    /// The points, with rotations only where these place the point of a lever; targets numbered as in `model`.
     pub observations: &'a [Observation],
     /// Configuration number of each point.
     pub configurations: &'a [usize],
@@ -135,7 +139,8 @@ pub fn quick_check(poses: &Poses<'_>) -> Result<Checked, Untestable> {
             .solve_lower_triangular(&m)
             .ok_or(Untestable::Singular)
     };
-    let placement = placement_parameters(model.targets_mm.len());
+    let mut placement = placement_parameters(model.targets_mm.len());
+    placement.extend(target_rotation_parameters(&posed_targets(observations)));
     let placed = whiten(jacobian(poses, &placement))?;
     let taken = match poses.is_placed_anew {
         true => span(&placed)?,
@@ -234,18 +239,18 @@ fn candidates(poses: &Poses<'_>, placement: &[Parameter]) -> Vec<Parameter> {
     of_links.chain(placement.copied()).collect()
 }
 
-/// ∂(predicted position)/∂(parameter), 3·N × p, mm per mm or rad.
+/// ∂(predicted position)/∂(parameter), 3·N × p, mm per mm or rad. Of the rows of a pose these are the first three.
 fn jacobian(poses: &Poses<'_>, parameters: &[Parameter]) -> DMatrix<f64> {
-    let unweighted: Vec<Observation> = poses
-        .observations
-        .iter()
-        .map(|o| Observation {
+    let mut all = DMatrix::zeros(3 * poses.observations.len(), parameters.len());
+    for (i, o) in poses.observations.iter().enumerate() {
+        let unweighted = [Observation {
             weight: 1.0,
-            whitening: None,
-            ..o.position_alone()
-        })
-        .collect();
-    weighted_jacobian(poses.model, parameters, &unweighted, &Vector3::zeros())
+            ..o.with_even_noise()
+        }];
+        let of_point = weighted_jacobian(poses.model, parameters, &unweighted, &Vector3::zeros());
+        all.rows_mut(3 * i, 3).copy_from(&of_point.rows(0, 3));
+    }
+    all
 }
 
 /// V, 3·N × 3·N, mm².
@@ -267,7 +272,18 @@ fn covariance_mm2(poses: &Poses<'_>) -> DMatrix<f64> {
         let here = observations
             .iter()
             .map(|o| (o.q_rad.as_slice(), o.target, 1.0));
-        errors += known.features.features(model, here) * known.root.rows(p, known.root.nrows() - p);
+        let mut features = known.features.features(model, here);
+        for (i, o) in observations.iter().enumerate() {
+            let unweighted = Observation {
+                weight: 1.0,
+                ..o.with_even_noise()
+            };
+            if let Some(coupling) = unweighted.coupling() {
+                let mut rows = features.rows_mut(3 * i, 3);
+                rows += coupling * known.features.turns(model, &unweighted);
+            }
+        }
+        errors += features * known.root.rows(p, known.root.nrows() - p);
     }
     let mut covariance = &errors * errors.transpose();
     let finest_mm = MIN_NOISE_PER_REACH * model.reach_mm() / 3.0_f64.sqrt();

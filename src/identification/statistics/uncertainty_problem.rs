@@ -218,11 +218,16 @@ impl<'a> Rows<'a> {
         let residuals = self.of_model(points, &mut matrix);
         for (k, point) in points.iter().enumerate() {
             let o = &observations[point.observation];
-            if point.is_rotation {
+            // positions at a lever depend on rotations, too
+            let coupling = o.coupling().filter(|_| !point.is_rotation);
+            if point.is_rotation || coupling.is_some() {
                 let turns = -misfit.turns(model, o);
-                matrix
-                    .view_mut((3 * k, self.columns.without_features()), turns.shape())
-                    .copy_from(&turns);
+                let first = (3 * k, self.columns.without_features());
+                let mut here = matrix.view_mut(first, turns.shape());
+                match coupling {
+                    Some(coupling) => here += coupling * turns,
+                    None => here.copy_from(&turns),
+                }
             }
             // a displaced station moves what was measured from it
             if let Some(station) = stations[point.observation] {
@@ -243,6 +248,10 @@ impl<'a> Rows<'a> {
                     };
                     put(first + axis, along * problem.reach_mm);
                     put(first + 3 + axis, along.cross(&from_base));
+                }
+                if let Some((coupling, turned)) = coupling.zip(turned_by_station(model, o)) {
+                    let mut here = matrix.fixed_view_mut::<3, 3>(3 * k, first + 3);
+                    here += coupling * turned;
                 }
             }
         }

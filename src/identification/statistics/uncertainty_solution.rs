@@ -112,8 +112,9 @@ impl Rows<'_> {
                 posterior,
                 ..
             } = solved(stds_rad, sigma_mm);
-            let least_mm = self.session.problem.least_sigma_mm;
-            triangle.noise_mm(&posterior).max(least_mm)
+            let problem = self.session.problem;
+            let noise_mm = triangle.noise_mm(problem, &posterior);
+            noise_mm.max(problem.least_sigma_mm)
         };
         // the standard deviation of some features beside others
         let std_of = |features: &Range<usize>, others_rad: [f64; 2], sigma_mm: f64, kept_above| {
