@@ -23,9 +23,9 @@ use crate::identification::corrections::corrected::IdentifiedRobot;
 use crate::identification::least_squares::start::fit_base_and_targets;
 use crate::identification::model::objective::Observation;
 use crate::identification::model::parameters::{Parameter, Quantity};
-use crate::identification::statistics::changes::{Causes, Change, FALSE_ALARMS};
+use crate::identification::statistics::changes::{Change, FALSE_ALARMS};
 use crate::identification::statistics::quick_check::{
-    Checked, Detectable, LEVEL, POWER, Poses, Untestable, quick_check,
+    Causes, Checked, Detectable, LEVEL, POWER, Poses, Untestable, quick_check,
 };
 use crate::kinematics::reach_mm;
 use std::cmp::Ordering;

@@ -7,7 +7,7 @@
 //! significant, by forward selection: first the one that explains most, then the one that explains most of the rest, until the rest is not
 //! significant.
 
-pub use crate::identification::statistics::difference::{Causes, Change, FALSE_ALARMS, causes};
+pub use crate::identification::statistics::difference::{Change, FALSE_ALARMS};
 
 use crate::identification::KinematicModel;
 use crate::identification::least_squares::evidence::Noise;
@@ -15,7 +15,7 @@ use crate::identification::least_squares::problem::variable;
 use crate::identification::model::parameters::{Parameter, Quantity, deviation_from};
 use crate::identification::statistics::corrected_errors::CorrectedErrors;
 use crate::identification::statistics::difference::{
-    Common, Whitened, named_by_selection, named_each, tail,
+    Whitened, named_by_selection, named_each, tail,
 };
 use crate::identification::statistics::uncertainty::Uncertainty;
 use nalgebra::{DMatrix, Rotation3, Vector3};
@@ -149,6 +149,13 @@ pub fn compare_target(
     tested(before, &after, &of_target, named_each)
 }
 
+/// A parameter that both sessions identify, with its index in each.
+struct Common {
+    parameter: Parameter,
+    before: usize,
+    after: usize,
+}
+
 fn common(
     before: &Estimate,
     after: &Estimate,
@@ -171,7 +178,7 @@ fn common(
 }
 
 /// Names what changed, from the whitened difference.
-type Naming = fn(&[Common], &Whitened) -> Vec<Change>;
+type Naming = fn(&Whitened) -> Vec<Change>;
 
 fn tested(
     before: &Estimate,
@@ -187,7 +194,7 @@ fn tested(
     let chi_square = whitened.difference.norm_squared();
     let probability = tail(chi_square, n_combinations, whitened.freedom);
     let changes = if probability < FALSE_ALARMS {
-        naming(common, &whitened)
+        naming(&whitened)
     } else {
         vec![]
     };
@@ -256,6 +263,7 @@ fn whitened(before: &Estimate, after: &Estimate, common: &[Common]) -> Option<Wh
         .sum();
     Some(Whitened {
         difference: whiten(&difference)?.column(0).into(),
+        parameters: common.iter().map(|c| c.parameter).collect(),
         effects: whiten(&effects)?,
         n_combinations,
         scale,

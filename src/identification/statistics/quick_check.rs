@@ -16,9 +16,9 @@
 use crate::identification::KinematicModel;
 use crate::identification::model::objective::{Observation, residuals, weighted_jacobian};
 use crate::identification::model::parameters::{Parameter, Quantity, placement_parameters};
-use crate::identification::statistics::changes::{
-    Causes, Estimate, FALSE_ALARMS, causes, usual_error,
-};
+use crate::identification::statistics::changes::{Estimate, FALSE_ALARMS, usual_error};
+pub use crate::identification::statistics::difference::Causes;
+use crate::identification::statistics::difference::{Whitened, causes};
 use crate::identification::statistics::distributions::{f_tail, noncentrality};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
@@ -92,15 +92,6 @@ pub struct Checked {
     /// Index of the configuration that has more than half of the statistic by itself, if there is one.
     pub largest_configuration: Option<usize>,
     whitened: Whitened,
-}
-
-#[derive(Clone, Debug, PartialEq)]
-struct Whitened {
-    difference: DVector<f64>,
-    /// Possible causes, the effect of each on the rows, and its usual size, mm or rad.
-    parameters: Vec<Parameter>,
-    effects: DMatrix<f64>,
-    scale: Vec<f64>,
 }
 
 /// Why there is no test.
@@ -190,6 +181,8 @@ pub fn quick_check(poses: &Poses<'_>) -> Result<Checked, Untestable> {
             parameters,
             effects,
             scale,
+            n_combinations,
+            freedom,
         },
     })
 }
@@ -205,13 +198,7 @@ impl Checked {
         let chosen: Vec<usize> = (0..all.parameters.len())
             .filter(|k| belongs(&all.parameters[*k]) && is_seen(*k))
             .collect();
-        let parameters: Vec<Parameter> = chosen.iter().map(|k| all.parameters[*k]).collect();
-        let scale: Vec<f64> = chosen.iter().map(|k| all.scale[*k]).collect();
-        causes(
-            &parameters,
-            (&all.difference, &all.effects.select_columns(&chosen)),
-            (&scale, self.n_combinations, self.freedom),
-        )
+        causes(&all.with_parameters(&chosen))
     }
 }
 
