@@ -9,8 +9,8 @@
 use crate::identification::KinematicModel;
 use crate::identification::model::objective::{Observation, weighted_jacobian};
 use crate::identification::model::parameters::{Parameter, Quantity, placement_parameters};
-use crate::identification::statistics::quick_check::span;
 use crate::identification::statistics::workspace::random_in;
+use crate::solvers::orthonormal::span;
 use nalgebra::{DMatrix, Vector3};
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_3};
 
@@ -111,7 +111,7 @@ fn left(model: &KinematicModel, stations: &[Vec<Observation>]) -> Option<Vec<(f6
             weighted_jacobian(model, parameters, points, &Vector3::zeros())
         };
         let whole = jacobian(&zeros);
-        let taken = span(&jacobian(&placement)).ok()?;
+        let taken = span(&jacobian(&placement))?;
         let left: DMatrix<f64> = &whole - &taken * taken.tr_mul(&whole);
         for (joint, sum) in squares.iter_mut().enumerate() {
             sum.0 += left.column(joint).norm_squared();
