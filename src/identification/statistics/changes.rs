@@ -8,67 +8,19 @@
 //! significant.
 
 pub use crate::identification::statistics::difference::{Change, FALSE_ALARMS};
+pub use crate::identification::statistics::estimate::Estimate;
 
-use crate::identification::KinematicModel;
-use crate::identification::least_squares::evidence::Noise;
 use crate::identification::least_squares::problem::variable;
 use crate::identification::model::parameters::{Parameter, Quantity, deviation_from};
-use crate::identification::statistics::corrected_errors::CorrectedErrors;
 use crate::identification::statistics::difference::{
     Whitened, named_by_selection, named_each, tail,
 };
 use crate::identification::statistics::uncertainty::Uncertainty;
-use nalgebra::{DMatrix, Rotation3, Vector3};
+use nalgebra::DMatrix;
 
 /// Changes below this share of [`usual_error`] do not count, however exact the data are: sessions are compared along derivatives, which are not
 /// exact.
 const RESOLUTION: f64 = 1e-3;
-
-/// The estimate of one session.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Estimate {
-    /// The free parameters.
-    pub parameters: Vec<Parameter>,
-    /// The identified model.
-    pub model: KinematicModel,
-    /// Its uncertainty.
-    pub uncertainty: Uncertainty,
-    /// Errors of the robot with corrections, if some were kept and their errors are known.
-    pub corrected: Option<CorrectedErrors>,
-    /// Noise of the session about the model.
-    pub noise: Noise,
-}
-
-impl Estimate {
-    /// The same estimate with the numbers of two targets exchanged. A number that has no target gets one.
-    fn with_exchanged_targets(&self, a: usize, b: usize) -> Self {
-        let mut estimate = self.clone();
-        let model = &mut estimate.model;
-        let n_targets = model.targets_mm.len().max(a + 1).max(b + 1);
-        model.targets_mm.resize(n_targets, Vector3::zeros());
-        model.targets_mm.swap(a, b);
-        if !model.target_rotations.is_empty() {
-            model
-                .target_rotations
-                .resize(n_targets, Rotation3::identity());
-            model.target_rotations.swap(a, b);
-        }
-        let exchanged = |target: usize| match target {
-            _ if target == a => b,
-            _ if target == b => a,
-            _ => target,
-        };
-        for parameter in &mut estimate.parameters {
-            match parameter {
-                Parameter::Target(target, _) | Parameter::TargetRotation(target, _) => {
-                    *target = exchanged(*target);
-                }
-                _ => {}
-            }
-        }
-        estimate
-    }
-}
 
 /// One joint test, and the changes if it is significant.
 #[derive(Clone, Debug, PartialEq)]

@@ -16,10 +16,12 @@
 use crate::identification::KinematicModel;
 use crate::identification::model::objective::{Observation, residuals, weighted_jacobian};
 use crate::identification::model::parameters::{Parameter, Quantity, placement_parameters};
-use crate::identification::statistics::changes::{Estimate, FALSE_ALARMS, usual_error};
+use crate::identification::statistics::changes::{FALSE_ALARMS, usual_error};
 pub use crate::identification::statistics::difference::Causes;
 use crate::identification::statistics::difference::{Whitened, causes};
 use crate::identification::statistics::distributions::{f_tail, noncentrality};
+use crate::identification::statistics::estimate::Estimate;
+use crate::solvers::orthonormal::span;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 /// Significance level: share of unchanged robots that the test calls changed.
@@ -30,8 +32,6 @@ pub const POWER: f64 = 0.95;
 const MIN_NOISE_PER_REACH: f64 = 1e-5;
 /// A configuration with more than this share of the statistic stands out: a broken beam may be the cause.
 const OUTSTANDING_SHARE: f64 = 0.5;
-/// Directions of the placement with singular values below this share of the largest are not determined by the points.
-const SINGULAR_SHARE: f64 = 1e-9;
 /// Minimum share of an effect that the placement must leave; less is rounding. For causes it is a share of the largest effect of a usual error.
 const MIN_VISIBLE_SHARE: f64 = 1e-6;
 /// Largest detectable rotation of a zero, rad. If more would be needed, the reflector hardly leaves the joint's axis, and the linearisation does not
@@ -129,7 +129,7 @@ pub fn quick_check(poses: &Poses<'_>) -> Result<Checked, Untestable> {
     let placement = placement_parameters(model.targets_mm.len());
     let placed = whiten(jacobian(poses, &placement))?;
     let taken = match poses.is_placed_anew {
-        true => span(&placed)?,
+        true => span(&placed).ok_or(Untestable::Singular)?,
         false => DMatrix::zeros(3 * observations.len(), 0),
     };
     let left = |m: &DMatrix<f64>| m - &taken * taken.tr_mul(m);
@@ -274,26 +274,6 @@ fn covariance_mm2(poses: &Poses<'_>) -> DMatrix<f64> {
         }
     }
     covariance
-}
-
-/// Orthonormal columns that span the effects of the placement on the points.
-pub(super) fn span(placed: &DMatrix<f64>) -> Result<DMatrix<f64>, Untestable> {
-    let mut scaled = placed.clone();
-    for mut column in scaled.column_iter_mut() {
-        let norm = column.norm();
-        if norm > 0.0 {
-            column /= norm;
-        }
-    }
-    let svd = scaled
-        .try_svd(true, false, f64::EPSILON, SVD_ITERATIONS)
-        .ok_or(Untestable::Singular)?;
-    let u = svd.u.ok_or(Untestable::Singular)?;
-    let largest = svd.singular_values.max();
-    let kept: Vec<usize> = (0..svd.singular_values.len())
-        .filter(|k| svd.singular_values[*k] > SINGULAR_SHARE * largest)
-        .collect();
-    Ok(u.select_columns(&kept))
 }
 
 /// The change in the least visible direction that shifts the rows by `shift`. `raw` is the effect of a unit of each parameter on the points, mm;
