@@ -1,7 +1,6 @@
 //! Exchange algorithm: selects candidates that minimise tr(M⁻¹·W), with M the information of the selected ones and W that of the workspace.
 
-use crate::solvers::products::{less_product, transposed_times};
-use nalgebra::{Const, DMatrix, Dyn, OMatrix, SMatrix};
+use nalgebra::{DMatrix, SMatrix};
 
 /// Maximum number of passes of exchanges.
 const MAX_PASSES: usize = 6;
@@ -208,8 +207,7 @@ impl<const ROWS: usize> Design<ROWS> {
         let through = &self.interest * &u;
         let v = &self.covariance * &through;
         let s: Square<ROWS> = u.tr_mul(&through);
-        let of_members = |m| transposed_times(&self.columns, &dynamic(m));
-        let (e, f) = (of_members(&u), of_members(&v));
+        let (e, f) = (self.columns.tr_mul(&u), self.columns.tr_mul(&v));
         let members = self.spread.iter_mut().zip(&mut self.worth);
         for (i, (spread, worth)) in members.enumerate() {
             let e = e.fixed_view::<ROWS, ROWS>(ROWS * i, 0);
@@ -270,15 +268,10 @@ fn inverse(information: DMatrix<f64>) -> Option<DMatrix<f64>> {
 
 /// J·B·Jᵀ of each candidate, from the Jᵀ of all.
 fn quadratic<const ROWS: usize>(columns: &DMatrix<f64>, b: &DMatrix<f64>) -> Vec<Square<ROWS>> {
-    let none = DMatrix::zeros(columns.nrows(), columns.ncols());
-    let through = -less_product(&none, b, columns);
+    let through = b * columns;
     let of = |m: usize| {
         let columns = columns.fixed_columns::<ROWS>(ROWS * m);
         columns.tr_mul(&through.fixed_columns::<ROWS>(ROWS * m))
     };
     (0..columns.ncols() / ROWS).map(of).collect()
-}
-
-fn dynamic<const ROWS: usize>(m: &OMatrix<f64, Dyn, Const<ROWS>>) -> DMatrix<f64> {
-    DMatrix::from_column_slice(m.nrows(), ROWS, m.as_slice())
 }
