@@ -9,7 +9,7 @@ pub use crate::calibration::warning::Warning;
 use crate::identification::TrainedNetwork;
 use crate::identification::corrections::Evidence;
 use crate::identification::corrections::corrected::CorrectedModel;
-use crate::identification::statistics::changes::Estimate;
+use crate::identification::statistics::estimate::Estimate;
 use crate::identification::statistics::uncertainty::Uncertainty;
 use crate::identification::statistics::workspace::ToolUncertainty;
 use crate::kinematics::Link;

@@ -6,7 +6,7 @@ pub use crate::calibration::method::{
 use crate::calibration::reference::{InstrumentScale, ScaleAtReach};
 use crate::calibration::validation::session_fit::HeldOut;
 use crate::frames::PreliminaryFrames;
-pub use crate::identification::statistics::changes::Estimate;
+pub use crate::identification::statistics::estimate::Estimate;
 pub use crate::identification::{Model, Preset};
 
 use crate::identification::TrainedNetwork;

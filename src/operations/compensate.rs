@@ -6,7 +6,7 @@ use crate::compensation::{
     ToolPoint, WorkFrame,
 };
 use crate::identification::KinematicModel;
-use crate::identification::statistics::changes::Estimate;
+use crate::identification::statistics::estimate::Estimate;
 use crate::kinematics::{Link, Payload, Robot};
 use crate::release::{orientation_unknown, wrong_robot};
 use crate::wire::compensate::{

@@ -1,6 +1,6 @@
 //! Predicts target positions with an identified robot.
 
-use crate::identification::statistics::changes::Estimate;
+use crate::identification::statistics::estimate::Estimate;
 use crate::kinematics::{Payload, Robot};
 use crate::wire::issue::Invalid;
 use crate::wire::parameter_set::ParameterSetContent;

@@ -2,8 +2,6 @@
 
 use nalgebra::{DMatrix, SMatrix};
 
-/// Number of candidates side by side in one or two vector registers.
-const LANES: usize = 8;
 /// Maximum number of passes of exchanges.
 const MAX_PASSES: usize = 6;
 /// After the first selection, exchanges consider only this number of the most useful candidates.
@@ -21,44 +19,40 @@ const KNOWN_PRIOR_RATIO: f64 = 100.0;
 /// Minimum relative decrease of the criterion for an exchange.
 const MIN_RELATIVE_DECREASE: f64 = 1e-9;
 
-type Lanes = [f64; LANES];
-/// A symmetric matrix of each lane, of which only the lower triangle is used.
-type Symmetric<const ROWS: usize> = [[Lanes; ROWS]; ROWS];
+/// A symmetric matrix of a candidate.
+type Square<const ROWS: usize> = SMatrix<f64, ROWS, ROWS>;
 
-/// Eight candidates: their rows, column by column, and two symmetric matrices each.
-#[derive(Clone, Debug)]
-struct Block<const ROWS: usize> {
-    /// One entry per parameter.
-    rows: Vec<[Lanes; ROWS]>,
-    /// J·A·Jᵀ.
-    spread: Symmetric<ROWS>,
-    /// J·A·W·A·Jᵀ.
-    worth: Symmetric<ROWS>,
-}
-
-/// The candidates, the selected ones, and A = M⁻¹. A candidate has `ROWS` rows: three if its position is measured, six if its pose is.
+/// The candidates, the selected ones, and A = M⁻¹. A candidate has `ROWS` rows J: three if its position is measured, six if its pose is.
 #[derive(Debug)]
-pub struct Design<'a, const ROWS: usize> {
-    candidates: &'a DMatrix<f64>,
-    /// Candidate in each lane of the blocks.
+pub struct Design<const ROWS: usize> {
+    /// Jᵀ of all candidates, side by side.
+    candidates: DMatrix<f64>,
+    /// The candidates that are considered.
     members: Vec<usize>,
-    blocks: Vec<Block<ROWS>>,
+    /// Jᵀ of the members.
+    columns: DMatrix<f64>,
+    /// J·A·Jᵀ of each member.
+    spread: Vec<Square<ROWS>>,
+    /// J·A·W·A·Jᵀ of each member.
+    worth: Vec<Square<ROWS>>,
     prior: DMatrix<f64>,
     covariance: DMatrix<f64>,
     interest: DMatrix<f64>,
     chosen: Vec<usize>,
 }
 
-impl<'a, const ROWS: usize> Design<'a, ROWS> {
+impl<const ROWS: usize> Design<ROWS> {
     /// A design with nothing selected. `rows` has `ROWS` rows per candidate, `prior` is the prior information, `interest` is W.
-    pub fn new(rows: &'a DMatrix<f64>, prior: &DMatrix<f64>, interest: &DMatrix<f64>) -> Self {
+    pub fn new(rows: &DMatrix<f64>, prior: &DMatrix<f64>, interest: &DMatrix<f64>) -> Self {
         let n = prior.nrows();
         let covariance = inverse(prior.clone()).unwrap_or_else(|| DMatrix::identity(n, n));
         let members = (0..rows.nrows() / ROWS).collect();
         let mut design = Self {
-            candidates: rows,
+            candidates: rows.transpose(),
             members,
-            blocks: vec![],
+            columns: DMatrix::zeros(n, 0),
+            spread: vec![],
+            worth: vec![],
             prior: prior.clone(),
             covariance,
             interest: interest.clone(),
@@ -71,10 +65,11 @@ impl<'a, const ROWS: usize> Design<'a, ROWS> {
     /// Selects `n` candidates and returns their indices. If there are hardly more rows than parameters, more are selected first, and those that are
     /// missed least are then removed. Adding one after the other would spend the first candidates on parameters that only priors determine.
     pub fn choose(mut self, n: usize) -> Vec<usize> {
-        let n = n.min(self.candidates.nrows() / ROWS);
+        let n_all = self.candidates.ncols() / ROWS;
+        let n = n.min(n_all);
         let is_tight = ROWS * n < self.n_unknown() + SPARE_ROWS;
         let first = if is_tight {
-            (n + EXTRA_ROWS / ROWS).min(self.candidates.nrows() / ROWS)
+            (n + EXTRA_ROWS / ROWS).min(n_all)
         } else {
             n
         };
@@ -168,10 +163,6 @@ impl<'a, const ROWS: usize> Design<'a, ROWS> {
         covariance.map_or(f64::INFINITY, |covariance| covariance.dot(&self.interest))
     }
 
-    fn rows_of(&self, candidate: usize) -> DMatrix<f64> {
-        self.candidates.rows(ROWS * candidate, ROWS).into_owned()
-    }
-
     /// The candidate that lowers the criterion most, and the decrease: tr((I + J·A·Jᵀ)⁻¹·J·A·W·A·Jᵀ).
     fn best(&self) -> Option<(usize, f64)> {
         let mut best: Option<(usize, f64)> = None;
@@ -185,42 +176,47 @@ impl<'a, const ROWS: usize> Design<'a, ROWS> {
     }
 
     fn gains(&self) -> Vec<f64> {
-        let gain = |at: usize| {
-            let block = &self.blocks[at / LANES];
-            let k = of_lane(&block.spread, at % LANES) + SMatrix::identity();
-            k.try_inverse().map_or(0.0, |inverse| {
-                inverse.dot(&of_lane(&block.worth, at % LANES))
-            })
+        let gain = |(spread, worth): (&Square<ROWS>, &Square<ROWS>)| {
+            let k = spread + Square::identity();
+            k.try_inverse().map_or(0.0, |inverse| inverse.dot(worth))
         };
-        (0..self.members.len()).map(gain).collect()
+        self.spread.iter().zip(&self.worth).map(gain).collect()
     }
 
     /// Adds or removes a candidate: A' = A − U·C·Uᵀ with U = A·Jᵀ, C = (I + J·U)⁻¹, or −(I − J·U)⁻¹.
+    ///
+    /// For each member, with E = J·U, F = J·V, V = A·W·U and S = Uᵀ·W·U: J·A·Jᵀ decreases by E·C·Eᵀ, and J·A·W·A·Jᵀ changes by
+    /// − E·C·Fᵀ − F·C·Eᵀ + E·C·S·C·Eᵀ.
     fn change(&mut self, candidate: usize, is_added: bool) {
         if is_added {
             self.chosen.push(candidate);
         } else {
             self.chosen.retain(|chosen| *chosen != candidate);
         }
-        let rows = self.rows_of(candidate);
-        let u = &self.covariance * rows.transpose();
-        let spread: SMatrix<f64, ROWS, ROWS> = small(&(&rows * &u));
+        let of_candidate = self.candidates.fixed_columns::<ROWS>(ROWS * candidate);
+        let u = &self.covariance * of_candidate;
+        let spread: Square<ROWS> = of_candidate.tr_mul(&u);
         let core = if is_added {
-            SMatrix::identity() + spread
+            Square::identity() + spread
         } else {
-            spread - SMatrix::identity()
+            spread - Square::identity()
         };
         let Some(c) = core.try_inverse() else {
             return self.refresh();
         };
         let through = &self.interest * &u;
         let v = &self.covariance * &through;
-        let s = small(&u.tr_mul(&through));
-        for block in &mut self.blocks {
-            block.update(&u, &v, &c, &s);
+        let s: Square<ROWS> = u.tr_mul(&through);
+        let (e, f) = (self.columns.tr_mul(&u), self.columns.tr_mul(&v));
+        let members = self.spread.iter_mut().zip(&mut self.worth);
+        for (i, (spread, worth)) in members.enumerate() {
+            let e = e.fixed_view::<ROWS, ROWS>(ROWS * i, 0);
+            let f = f.fixed_view::<ROWS, ROWS>(ROWS * i, 0);
+            let ec = e * c;
+            *spread -= ec * e.transpose();
+            *worth += (ec * s * c - f * c) * e.transpose() - ec * f.transpose();
         }
-        let dynamic = DMatrix::from_fn(ROWS, ROWS, |i, j| c[(i, j)]);
-        self.covariance -= &u * dynamic * u.transpose();
+        self.covariance -= &u * c * u.transpose();
     }
 
     /// Keeps only the most useful candidates and the selected ones.
@@ -250,19 +246,18 @@ impl<'a, const ROWS: usize> Design<'a, ROWS> {
 
     fn information(&self, chosen: impl Iterator<Item = usize>) -> DMatrix<f64> {
         chosen.fold(self.prior.clone(), |sum, candidate| {
-            let rows = self.rows_of(candidate);
-            sum + rows.tr_mul(&rows)
+            let columns = self.candidates.fixed_columns::<ROWS>(ROWS * candidate);
+            sum + columns * columns.transpose()
         })
     }
 
     fn rebuild(&mut self) {
+        let of_member = |member: &usize| ROWS * member..ROWS * (member + 1);
+        let columns: Vec<usize> = self.members.iter().flat_map(of_member).collect();
+        self.columns = self.candidates.select_columns(&columns);
         let wawa = &self.covariance * &self.interest * &self.covariance;
-        let p = self.covariance.nrows();
-        self.blocks = self
-            .members
-            .chunks(LANES)
-            .map(|members| block(self.candidates, members, p, &self.covariance, &wawa))
-            .collect();
+        self.spread = quadratic(&self.columns, &self.covariance);
+        self.worth = quadratic(&self.columns, &wawa);
     }
 }
 
@@ -271,120 +266,12 @@ fn inverse(information: DMatrix<f64>) -> Option<DMatrix<f64>> {
     information.cholesky().map(|root| root.inverse())
 }
 
-fn block<const ROWS: usize>(
-    candidates: &DMatrix<f64>,
-    members: &[usize],
-    p: usize,
-    covariance: &DMatrix<f64>,
-    worth: &DMatrix<f64>,
-) -> Block<ROWS> {
-    let lane = |k: usize, row: usize| {
-        std::array::from_fn(|lane| {
-            members
-                .get(lane)
-                .map_or(0.0, |c| candidates[(ROWS * c + row, k)])
-        })
+/// J·B·Jᵀ of each candidate, from the Jᵀ of all.
+fn quadratic<const ROWS: usize>(columns: &DMatrix<f64>, b: &DMatrix<f64>) -> Vec<Square<ROWS>> {
+    let through = b * columns;
+    let of = |m: usize| {
+        let columns = columns.fixed_columns::<ROWS>(ROWS * m);
+        columns.tr_mul(&through.fixed_columns::<ROWS>(ROWS * m))
     };
-    let rows: Vec<[Lanes; ROWS]> = (0..p)
-        .map(|k| std::array::from_fn(|row| lane(k, row)))
-        .collect();
-    Block {
-        spread: quadratic(&rows, covariance),
-        worth: quadratic(&rows, worth),
-        rows,
-    }
-}
-
-/// J·B·Jᵀ of each lane.
-fn quadratic<const ROWS: usize>(rows: &[[Lanes; ROWS]], b: &DMatrix<f64>) -> Symmetric<ROWS> {
-    let mut sum = [[[0.0; LANES]; ROWS]; ROWS];
-    for (l, right) in rows.iter().enumerate() {
-        let mut through = [[0.0; LANES]; ROWS];
-        for (k, left) in rows.iter().enumerate() {
-            let factor = b[(k, l)];
-            for row in 0..ROWS {
-                for lane in 0..LANES {
-                    through[row][lane] += left[row][lane] * factor;
-                }
-            }
-        }
-        for i in 0..ROWS {
-            for j in 0..=i {
-                for lane in 0..LANES {
-                    sum[i][j][lane] += through[i][lane] * right[j][lane];
-                }
-            }
-        }
-    }
-    sum
-}
-
-fn small<const ROWS: usize>(m: &DMatrix<f64>) -> SMatrix<f64, ROWS, ROWS> {
-    SMatrix::from_fn(|i, j| m[(i, j)])
-}
-
-fn of_lane<const ROWS: usize>(m: &Symmetric<ROWS>, lane: usize) -> SMatrix<f64, ROWS, ROWS> {
-    SMatrix::from_fn(|i, j| m[i.max(j)][i.min(j)][lane])
-}
-
-/// E·C of each lane.
-fn product<const ROWS: usize>(
-    e: &[[Lanes; ROWS]; ROWS],
-    c: &SMatrix<f64, ROWS, ROWS>,
-) -> [[Lanes; ROWS]; ROWS] {
-    let mut product = [[[0.0; LANES]; ROWS]; ROWS];
-    for (row, of) in product.iter_mut().zip(e) {
-        for (column, sum) in row.iter_mut().enumerate() {
-            for (k, of) in of.iter().enumerate() {
-                for lane in 0..LANES {
-                    sum[lane] += of[lane] * c[(k, column)];
-                }
-            }
-        }
-    }
-    product
-}
-
-impl<const ROWS: usize> Block<ROWS> {
-    /// With E = J·U, F = J·V, V = A·W·U and S = Uᵀ·W·U: J·A·Jᵀ decreases by E·C·Eᵀ, and J·A·W·A·Jᵀ changes by − E·C·Fᵀ − F·C·Eᵀ + E·C·S·C·Eᵀ.
-    fn update(
-        &mut self,
-        u: &DMatrix<f64>,
-        v: &DMatrix<f64>,
-        c: &SMatrix<f64, ROWS, ROWS>,
-        s: &SMatrix<f64, ROWS, ROWS>,
-    ) {
-        let (e, f) = (self.times(u), self.times(v));
-        let (ec, ecsc, fc) = (product(&e, c), product(&e, &(c * s * c)), product(&f, c));
-        for i in 0..ROWS {
-            for j in 0..=i {
-                for lane in 0..LANES {
-                    let (mut spread, mut worth) = (0.0, 0.0);
-                    for k in 0..ROWS {
-                        let (ej, fj) = (e[j][k][lane], f[j][k][lane]);
-                        spread += ec[i][k][lane] * ej;
-                        worth += (ecsc[i][k][lane] - fc[i][k][lane]) * ej - ec[i][k][lane] * fj;
-                    }
-                    self.spread[i][j][lane] -= spread;
-                    self.worth[i][j][lane] += worth;
-                }
-            }
-        }
-    }
-
-    /// J·B for a p × `ROWS` matrix B.
-    fn times(&self, b: &DMatrix<f64>) -> [[Lanes; ROWS]; ROWS] {
-        let mut product = [[[0.0; LANES]; ROWS]; ROWS];
-        for (k, rows) in self.rows.iter().enumerate() {
-            for column in 0..ROWS {
-                let factor = b[(k, column)];
-                for row in 0..ROWS {
-                    for lane in 0..LANES {
-                        product[row][column][lane] += rows[row][lane] * factor;
-                    }
-                }
-            }
-        }
-        product
-    }
+    (0..columns.ncols() / ROWS).map(of).collect()
 }

@@ -11,6 +11,10 @@ const ROWS_AT_ONCE: usize = 600;
 /// Number of passes. The second one makes the columns orthonormal to rounding [Yamamoto 2015, Cholesky QR 2, with Householder's triangle instead of
 /// Cholesky's].
 const N_PASSES: usize = 2;
+/// Singular values below this share of the largest are rounding.
+const SINGULAR_SHARE: f64 = 1e-9;
+/// Iteration limit of a singular value decomposition.
+const SVD_ITERATIONS: usize = 10_000;
 
 /// Q of A = Q·R, rows × columns. For a tall matrix, R is computed from blocks of rows, and Q is A·R⁻¹.
 pub fn orthonormal(mut matrix: DMatrix<f64>) -> DMatrix<f64> {
@@ -23,6 +27,24 @@ pub fn orthonormal(mut matrix: DMatrix<f64>) -> DMatrix<f64> {
         divide(matrix.as_mut_slice(), n_rows, r.as_slice());
     }
     matrix
+}
+
+/// Orthonormal columns that span those of a matrix, whatever their units. Directions with singular values below [`SINGULAR_SHARE`] are left out. `None`
+/// if the decomposition fails.
+pub fn span(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let mut scaled = matrix.clone();
+    for mut column in scaled.column_iter_mut() {
+        let norm = column.norm();
+        if norm > 0.0 {
+            column /= norm;
+        }
+    }
+    let svd = scaled.try_svd(true, false, f64::EPSILON, SVD_ITERATIONS)?;
+    let largest = svd.singular_values.max();
+    let kept: Vec<usize> = (0..svd.singular_values.len())
+        .filter(|k| svd.singular_values[*k] > SINGULAR_SHARE * largest)
+        .collect();
+    Some(svd.u?.select_columns(&kept))
 }
 
 /// R of a tall matrix, columns × columns, computed some rows at a time.

@@ -30,6 +30,18 @@ pub fn less_product(c: &DMatrix<f64>, a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMa
     rest
 }
 
+/// The columns of some matrices with the same number of rows.
+pub fn side_by_side(matrices: &[&DMatrix<f64>]) -> DMatrix<f64> {
+    let n_columns = matrices.iter().map(|m| m.ncols()).sum();
+    let mut all = DMatrix::zeros(matrices[0].nrows(), n_columns);
+    let mut first = 0;
+    for m in matrices {
+        all.columns_mut(first, m.ncols()).copy_from(m);
+        first += m.ncols();
+    }
+    all
+}
+
 /// `square` <- `square` + weight·Σ xᵀ·x over some rows x, lower triangle only. `square` is n × n, row-major; `rows` has one row after another.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl+fma", "x86_64+avx2+fma"))]
 pub fn add_weighted_square(weight: f64, rows: &[f64], n: usize, square: &mut [f64]) {

@@ -7,8 +7,8 @@ use crate::identification::least_squares::evidence::Noise;
 use crate::identification::model::parameters::{
     Parameter, complete_parameters, target_rotation_parameters,
 };
-use crate::identification::statistics::changes::Estimate;
-use crate::identification::statistics::corrected_errors::CorrectedErrors;
+use crate::identification::statistics::estimate::CorrectedErrors;
+use crate::identification::statistics::estimate::Estimate;
 use crate::identification::statistics::misfit::{Following, Misfit};
 use crate::identification::statistics::uncertainty::Uncertainty;
 use crate::kinematics::corrections::HARMONIC_ORDERS;

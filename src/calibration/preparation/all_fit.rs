@@ -11,7 +11,7 @@ use crate::identification::screening::columns::Columns;
 use crate::identification::screening::outliers::{Linearised, Outliers, ROUNDING_PER_REACH};
 use crate::identification::screening::whitening::Whitener;
 use crate::identification::statistics::misfit::{Misfit, gravity_directions};
-use crate::identification::statistics::variance::kept_ratio;
+use crate::identification::statistics::variance::random_effect;
 use crate::kinematics::Link;
 use crate::solvers::watch::Watch;
 use nalgebra::DMatrix;
@@ -77,8 +77,8 @@ impl AllFit {
         let rows: Vec<usize> = points.iter().flat_map(|p| 3 * p..3 * p + 3).collect();
         let linear = watch.goes_on().then(|| self.linear.of(&points))?;
         let features = self.features.select_rows(&rows);
-        let (ratio, _) = kept_ratio(&linear.residuals, &linear.basis, &features)?;
-        (ratio > 0.0).then_some(ratio)
+        let misfit = random_effect(&linear.residuals, &linear.basis, &features)?;
+        Some(misfit.kept_ratio()).filter(|ratio| *ratio > 0.0)
     }
 }
 

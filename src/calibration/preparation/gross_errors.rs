@@ -6,6 +6,7 @@ use crate::calibration::preparation::arrangement::Arrangement;
 use crate::calibration::preparation::observe::Observed;
 use crate::calibration::request::CalibrationRequest;
 use crate::identification::screening::outliers::Outliers;
+use crate::solvers::median::median;
 use crate::solvers::watch::Watch;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -118,12 +119,7 @@ pub(super) fn lone_suspects(
         let is_of_target = |p: &&usize| observed.targets[**p] == target;
         let of_target: Vec<usize> = order.iter().filter(is_of_target).copied().collect();
         for segment in of_target.chunk_by(|a, b| sizes.contains_key(a) == sizes.contains_key(b)) {
-            let mut by_size: Vec<f64> = segment
-                .iter()
-                .filter_map(|p| sizes.get(p).copied())
-                .collect();
-            by_size.sort_by(f64::total_cmp);
-            let Some(median) = by_size.get(by_size.len() / 2) else {
+            let Some(median) = median(segment.iter().filter_map(|p| sizes.get(p).copied())) else {
                 continue;
             };
             let stands_out = |p: &usize| {

@@ -2,11 +2,11 @@
 
 use crate::calibration::preparation::all_fit::AllFit;
 use crate::calibration::preparation::observe::Observed;
-use crate::identification::screening::backlash::{Approaches, Backlash};
-use crate::identification::screening::drift::{Drift, Session};
-use crate::identification::screening::settling::{SharedErrors, Visits};
+use crate::identification::screening::backlash::Backlash;
+use crate::identification::screening::drift::Drift;
+use crate::identification::screening::row_order::InOrder;
+use crate::identification::screening::settling::SharedErrors;
 use crate::solvers::watch::Watch;
-use nalgebra::{Matrix3, Matrix3xX};
 
 /// Errors over a session.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -29,49 +29,25 @@ pub(super) fn session_errors(
 ) -> SessionErrors {
     let rows: Vec<usize> = order.iter().flat_map(|p| 3 * p..3 * p + 3).collect();
     let all_clusters = observed.all_clusters();
-    let clusters: Vec<usize> = order.iter().map(|p| all_clusters[*p]).collect();
-    let targets: Vec<usize> = order.iter().map(|p| observed.all[*p].target).collect();
-    let joints: Vec<&Matrix3xX<f64>> = order.iter().map(|p| fit.columns.joints(*p)).collect();
-    let q_rad: Vec<&[f64]> = order
-        .iter()
-        .map(|p| observed.all[*p].q_rad.as_slice())
-        .collect();
-    let (linear, features) = (fit.linear.of(order), fit.features.select_rows(&rows));
-    let play = Approaches {
-        linear: &linear,
-        features: &features,
-        joints: &joints,
-        q_rad: &q_rad,
-        clusters: &clusters,
-        targets: &targets,
-        reach_mm: fit.reach_mm,
-        watch,
-    }
-    .backlash();
-    let shifts: Vec<Matrix3<f64>> = order.iter().map(|p| fit.columns.base_shift(*p)).collect();
-    let visits = Visits {
-        linear: &linear.with(&play.columns),
-        features: &features,
-        joints: &joints,
-        shifts: &shifts,
-        clusters: &clusters,
+    let points = || order.iter().map(|p| &observed.all[*p]);
+    let points = InOrder {
+        linear: fit.linear.of(order),
+        features: fit.features.select_rows(&rows),
+        joints: order.iter().map(|p| fit.columns.joints(*p)).collect(),
+        shifts: order.iter().map(|p| fit.columns.base_shift(*p)).collect(),
+        roots: points().map(|o| o.weight.sqrt()).collect(),
+        q_rad: points().map(|o| o.q_rad.as_slice()).collect(),
+        clusters: order.iter().map(|p| all_clusters[*p]).collect(),
+        targets: points().map(|o| o.target).collect(),
         reach_mm: fit.reach_mm,
         watch,
     };
-    let shared = visits.shared_errors();
-    let session = Session {
-        linear: visits.linear,
-        features: &features,
-        roots: &order
-            .iter()
-            .map(|p| observed.all[*p].weight.sqrt())
-            .collect::<Vec<_>>(),
-        q_rad: &q_rad,
-        clusters: &clusters,
-        targets: &targets,
-        watch,
+    let play = points.backlash();
+    let beside_play = InOrder {
+        linear: points.linear.with(&play.columns),
+        ..points
     };
-    let drift = session.drift();
+    let (shared, drift) = (beside_play.shared_errors(), beside_play.drift());
     SessionErrors {
         // a drift is a shift of each visit, too
         shared: shared.filter(|shared| shared.joints_rad.is_some() || drift.is_none()),

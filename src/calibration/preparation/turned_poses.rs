@@ -8,6 +8,7 @@ use crate::identification::least_squares::hand_eye::{
 };
 use crate::identification::screening::target_turns::target_turn;
 use crate::kinematics::{Link, t_base_flange};
+use crate::solvers::median::median;
 use crate::solvers::watch::Watch;
 use nalgebra::{Rotation3, Vector3};
 use std::collections::BTreeMap;
@@ -113,9 +114,7 @@ fn turned_of(links: &[Link], observed: &Observed, points: &[usize]) -> Vec<Turne
         return vec![];
     };
     let angles_rad: Vec<f64> = pairs.iter().map(|pair| angle_rad(&placed, pair)).collect();
-    let mut sorted = angles_rad.clone();
-    sorted.sort_by(f64::total_cmp);
-    let median_rad = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    let median_rad = median(angles_rad.iter().copied()).unwrap_or(0.0);
     let limit_rad = MIN_TURN_RAD.max(MIN_TIMES_MEDIAN * median_rad);
     let turned = |(point, angle_rad): (&usize, &f64)| {
         (*angle_rad > limit_rad).then_some(TurnedPose {

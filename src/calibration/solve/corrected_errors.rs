@@ -7,7 +7,7 @@ use crate::calibration::problem::Problem;
 use crate::calibration::solve::corrections::{Points, setting};
 use crate::identification::KinematicModel;
 use crate::identification::corrections::Fitted;
-use crate::identification::statistics::corrected_errors::CorrectedErrors;
+use crate::identification::statistics::estimate::CorrectedErrors;
 use crate::identification::statistics::uncertainty::{FittedCorrections, Session, uncertainty};
 
 use crate::solvers::watch::Watch;

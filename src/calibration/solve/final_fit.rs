@@ -23,7 +23,7 @@ use crate::compensation::tool_differences;
 use crate::identification::KinematicModel;
 use crate::identification::corrections::corrected::{CorrectedModel, IdentifiedRobot};
 use crate::identification::model::objective::residuals;
-use crate::identification::statistics::changes::Estimate;
+use crate::identification::statistics::estimate::Estimate;
 use crate::identification::statistics::uncertainty::Uncertainty;
 use crate::identification::statistics::workspace::{ToolUncertainty, tool_uncertainty};
 use crate::kinematics::reach_mm;

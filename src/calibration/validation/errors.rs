@@ -8,7 +8,7 @@ use crate::identification::corrections::corrected::IdentifiedRobot;
 use crate::identification::model::objective::{Observation, left_at_lever, residuals};
 use crate::identification::model::pose_rows::rotation_residual_rad;
 use crate::measurement::Subset;
-use nalgebra::Vector3;
+use nalgebra::{Rotation3, Vector3};
 use std::collections::BTreeSet;
 
 /// Mean, standard deviation, rms and largest of |residual|; `None` for no points.
@@ -62,18 +62,12 @@ fn of_points(points: &[&PointErrors]) -> Option<SubsetErrors> {
 }
 
 /// Angle between the measured and the predicted target of each observation, rad; `None` for positions.
-fn angles_rad(model: &KinematicModel, observations: &[Observation]) -> Vec<Option<f64>> {
+fn angles_rad(
+    observations: &[Observation],
+    rotation: impl Fn(&[f64], usize) -> Option<Rotation3<f64>>,
+) -> Vec<Option<f64>> {
     let angle = |o: &Observation| {
-        let predicted = model.rotation(&o.q_rad, o.target)?;
-        Some(rotation_residual_rad(&predicted, o.rotation.as_ref()?).norm())
-    };
-    observations.iter().map(angle).collect()
-}
-
-/// As [`angles_rad`], for a robot with corrections.
-fn corrected_angles_rad(robot: &IdentifiedRobot, observations: &[Observation]) -> Vec<Option<f64>> {
-    let angle = |o: &Observation| {
-        let predicted = robot.rotation(&o.q_rad, o.target)?;
+        let predicted = rotation(&o.q_rad, o.target)?;
         Some(rotation_residual_rad(&predicted, o.rotation.as_ref()?).norm())
     };
     observations.iter().map(angle).collect()
@@ -130,12 +124,12 @@ pub fn per_point(
     robot: Option<RobotAtPoints<'_>>,
 ) -> Vec<PointErrors> {
     let (angles_before, angles_after) = (
-        angles_rad(before, &observed.all),
-        angles_rad(after, &observed_after.all),
+        angles_rad(&observed.all, |q, target| before.rotation(q, target)),
+        angles_rad(&observed_after.all, |q, target| after.rotation(q, target)),
     );
     let with_corrections = robot.filter(|(robot, _)| robot.corrected.is_some());
-    let corrected_angles =
-        with_corrections.map(|(robot, points)| corrected_angles_rad(robot, points));
+    let corrected_angles = with_corrections
+        .map(|(robot, points)| angles_rad(points, |q, target| robot.rotation(q, target)));
     let angle = |i: usize| {
         let (before, after) = (angles_before[i]?, angles_after[i]?);
         let corrected = corrected_angles.as_ref().and_then(|angles| angles[i]);

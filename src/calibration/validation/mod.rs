@@ -1,5 +1,6 @@
 //! Validation on points that were not fitted: errors, verification, sessions, repeated rows.
 
+pub mod check_in_words;
 pub mod coverage;
 pub mod enough_points;
 pub mod errors;
@@ -14,4 +15,3 @@ pub mod session_fit;
 pub mod verdict;
 pub mod verification_set;
 pub mod verify;
-pub mod what_next;

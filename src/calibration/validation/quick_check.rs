@@ -9,6 +9,7 @@ use crate::calibration::quick_check::{
 };
 use crate::calibration::report::{BASE_NOT_CHECKED, CalibrationReport, DOES_NOT_FIT, Warning};
 use crate::calibration::request::{CalibrationRequest, Estimate};
+use crate::calibration::validation::check_in_words::{Found, ZERO_HIDDEN, reason, what_next};
 use crate::calibration::validation::enough_points::{check_verify, is_placed_anew};
 use crate::calibration::validation::session_fit::{least_worth_a_word_mm, times_worse};
 use crate::calibration::validation::verdict::{
@@ -16,16 +17,15 @@ use crate::calibration::validation::verdict::{
 };
 use crate::calibration::validation::verification_set::n_stations;
 use crate::calibration::validation::verify::verify;
-use crate::calibration::validation::what_next::{Found, what_next};
 use crate::calibration::{Error, Monitor, unusable};
 use crate::identification::KinematicModel;
 use crate::identification::corrections::corrected::IdentifiedRobot;
 use crate::identification::least_squares::start::fit_base_and_targets;
 use crate::identification::model::objective::Observation;
 use crate::identification::model::parameters::{Parameter, Quantity};
-use crate::identification::statistics::changes::{Causes, Change, FALSE_ALARMS};
+use crate::identification::statistics::changes::{Change, FALSE_ALARMS};
 use crate::identification::statistics::quick_check::{
-    Checked, Detectable, LEVEL, POWER, Poses, Untestable, quick_check,
+    Causes, Checked, Detectable, LEVEL, POWER, Poses, Untestable, quick_check,
 };
 use crate::kinematics::reach_mm;
 use std::cmp::Ordering;
@@ -244,16 +244,35 @@ fn judged(
     let alarms = checked.is_some_and(|checked| is_alarm(checked.probability));
     let is_worse = verified_rms_mm
         .is_some_and(|verified| times_worse(rms_mm, verified, &request.robot.links).is_some());
-    let doubt = Doubt {
-        is_repeat: !released.is_measured_anew,
-        is_insisted_on: released.is_insisted_on,
-        is_verified: verified_rms_mm.is_some(),
-        is_no_better: has(NO_BETTER),
-        is_base_hidden: has(BASE_NOT_CHECKED),
-        is_worse: is_worse || has(WORSE_THAN_IDENTIFIED),
-        is_zero_hidden: changes_zeros && !hidden.is_empty(),
-    }
-    .in_words();
+    // reasons why points that fit the set do not prove that it holds, the gravest first
+    let doubts = [
+        (
+            !released.is_measured_anew,
+            "these points repeat an earlier upload, and nothing shows whether they were measured since: measure other poses",
+        ),
+        (
+            released.is_insisted_on,
+            "the upload was refused and somebody insisted on it",
+        ),
+        (
+            verified_rms_mm.is_none(),
+            "no points were held out when the set was identified, so nothing says how large an error matters",
+        ),
+        (
+            has(NO_BETTER),
+            "on these points it is no better than the nominal robot",
+        ),
+        (
+            is_worse || has(WORSE_THAN_IDENTIFIED),
+            "it is several times worse than when it was verified, within what its own uncertainty lets expect",
+        ),
+        (
+            has(BASE_NOT_CHECKED),
+            "the base of the set rests on positions in the base frame, and was placed anew on these points, so a base that moved would not show",
+        ),
+        (changes_zeros && !hidden.is_empty(), ZERO_HIDDEN),
+    ];
+    let doubt = doubts.into_iter().find(|(is, _)| *is).map(|(_, why)| why);
     let verdict = if is_far || alarms {
         CheckVerdict::Changed
     } else if tested.is_err() || !blind.is_empty() || doubt.is_some() {
@@ -267,9 +286,15 @@ fn judged(
     };
     let configurations = request.set.configurations();
     let n_configurations = request.set.n_distinct_configurations();
-    let next = what_next(&Found {
+    let found = Found {
         verdict,
         after: released.after,
+        tested: tested.as_ref().map(|_| ()).map_err(String::as_str),
+        probability: checked.map(|checked| checked.probability),
+        doubt,
+        is_far,
+        rms_mm,
+        verified_rms_mm,
         likeliest: &likeliest,
         blind: &blind,
         hidden: &hidden,
@@ -284,22 +309,10 @@ fn judged(
         n_links: request.robot.links.len(),
         n_targets: request.set.n_targets(),
         is_placed_anew,
-        is_tested: tested.is_ok(),
         is_repeat: !released.is_measured_anew,
         is_base_hidden: has(BASE_NOT_CHECKED),
-        is_zero_hidden: doubt == Some(ZERO_HIDDEN),
-    });
-    let reason = reason(&Said {
-        verdict,
-        tested: tested.as_ref().map(|_| ()).map_err(String::as_str),
-        doubt,
-        is_far,
-        rms_mm,
-        verified_rms_mm,
-        checked,
-        likeliest: &likeliest,
-        blind: &blind,
-    });
+    };
+    let (reason, next) = (reason(&found), what_next(&found));
     QuickCheck {
         verdict,
         reason,
@@ -366,126 +379,5 @@ fn named(change: &Change) -> LikeliestCause {
         unit: first.unit().into(),
         delta: first.in_unit(change.delta),
         sigmas: change.sigmas,
-    }
-}
-
-/// The last of the doubts: nothing else stands against the set.
-const ZERO_HIDDEN: &str = "the zero of a joint may have changed that these poses do not show";
-
-/// Reasons why points that fit the set do not prove that it holds.
-struct Doubt {
-    is_repeat: bool,
-    is_insisted_on: bool,
-    is_verified: bool,
-    is_no_better: bool,
-    is_base_hidden: bool,
-    is_worse: bool,
-    is_zero_hidden: bool,
-}
-
-impl Doubt {
-    /// The first reason that applies; `None` if there is none.
-    fn in_words(&self) -> Option<&'static str> {
-        let reasons = [
-            (
-                self.is_repeat,
-                "these points repeat an earlier upload, and nothing shows whether they were measured since: measure other poses",
-            ),
-            (
-                self.is_insisted_on,
-                "the upload was refused and somebody insisted on it",
-            ),
-            (
-                !self.is_verified,
-                "no points were held out when the set was identified, so nothing says how large an error matters",
-            ),
-            (
-                self.is_no_better,
-                "on these points it is no better than the nominal robot",
-            ),
-            (
-                self.is_worse,
-                "it is several times worse than when it was verified, within what its own uncertainty lets expect",
-            ),
-            (
-                self.is_base_hidden,
-                "the base of the set rests on positions in the base frame, and was placed anew on these points, so a base that moved would not show",
-            ),
-            (self.is_zero_hidden, ZERO_HIDDEN),
-        ];
-        reasons.into_iter().find(|(is, _)| *is).map(|(_, why)| why)
-    }
-}
-
-/// What the sentence depends on.
-struct Said<'a> {
-    verdict: CheckVerdict,
-    tested: Result<(), &'a str>,
-    doubt: Option<&'static str>,
-    is_far: bool,
-    rms_mm: f64,
-    verified_rms_mm: Option<f64>,
-    checked: Option<&'a Checked>,
-    likeliest: &'a [LikeliestCause],
-    blind: &'a [&'a DetectableChange],
-}
-
-fn reason(said: &Said<'_>) -> String {
-    let rms_mm = said.rms_mm;
-    let verified = said.verified_rms_mm.map_or(String::new(), |verified| {
-        format!(", {verified:.4} mm when it was verified")
-    });
-    let chance = said.checked.map_or(String::new(), |checked| {
-        format!(
-            "; an unchanged robot shows as much with probability {:.2e}",
-            checked.probability
-        )
-    });
-    let errors = format!("{rms_mm:.4} mm rms on the points{verified}{chance}");
-    match said.verdict {
-        CheckVerdict::Holds => format!("the released set still holds: {errors}"),
-        CheckVerdict::Changed if said.is_far => {
-            format!(
-                "the released set no longer holds, these points miss it by far: {errors}{}",
-                causes(said.likeliest)
-            )
-        }
-        CheckVerdict::Changed => {
-            format!(
-                "the released set no longer holds: {errors}{}",
-                causes(said.likeliest)
-            )
-        }
-        CheckVerdict::CannotTell => match said.tested {
-            _ if let Some(why) = said.doubt => {
-                format!("it cannot be told whether the released set holds: {why} ({errors})")
-            }
-            Err(why) => {
-                format!("it cannot be told whether the released set holds: {why} ({errors})")
-            }
-            Ok(()) => {
-                let names: Vec<&str> = said.blind.iter().map(|c| c.name.as_str()).collect();
-                format!(
-                    "the points fit the released set, but these poses might have missed a change that matters of {}: {errors}",
-                    names.join(", ")
-                )
-            }
-        },
-    }
-}
-
-fn causes(likeliest: &[LikeliestCause]) -> String {
-    let of = |cause: &LikeliestCause| {
-        let unit = if cause.unit == "deg" { "°" } else { " mm" };
-        format!(
-            "{} by {:.4}{unit} ({:.1} σ)",
-            cause.name, cause.delta, cause.sigmas
-        )
-    };
-    let all: Vec<String> = likeliest.iter().take(FEW_CAUSES).map(of).collect();
-    match all.as_slice() {
-        [] => String::new(),
-        [only] => format!(". Likeliest cause: {only}"),
-        several => format!(". Likeliest causes, together: {}", several.join(", ")),
     }
 }

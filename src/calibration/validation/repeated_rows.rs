@@ -343,9 +343,7 @@ fn positions_follow_readings(pairs: &[Pair]) -> bool {
 
 /// The vectors, with lengths limited to [`CLIPPED`] times the median.
 fn clipped(vectors: Vec<Vector3<f64>>) -> Vec<Vector3<f64>> {
-    let mut lengths: Vec<f64> = vectors.iter().map(Vector3::norm).collect();
-    lengths.sort_by(f64::total_cmp);
-    let longest = CLIPPED * lengths[lengths.len() / 2];
+    let longest = CLIPPED * median(vectors.iter().map(Vector3::norm)).unwrap_or(0.0);
     vectors
         .into_iter()
         .map(|v| v * (longest / v.norm()).min(1.0))

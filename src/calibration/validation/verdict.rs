@@ -13,6 +13,7 @@ use crate::calibration::warnings::plausibility;
 use crate::calibration::warnings::refused_upload::advice;
 use crate::kinematics::{Link, Robot, reach_mm};
 use crate::measurement::Subset;
+use crate::solvers::median::median;
 
 /// Warning: a parameter set misses points by far that fit the nominal robot.
 pub const SET_FAR_OFF: &str = "set_far_off";
@@ -217,14 +218,11 @@ pub fn no_fit(
     nominal: &[Link],
     rotation_std_rad: f64,
 ) -> Option<Warning> {
-    let median = |subset: Subset, error: &dyn Fn(&PointErrors) -> Option<f64>| {
-        let of_subset = per_point.iter().filter(|point| point.subset == subset);
-        let mut errors: Vec<f64> = of_subset.filter_map(error).collect();
-        errors.sort_by(f64::total_cmp);
-        errors.get(errors.len() / 2).copied()
-    };
     let missed = |error: &dyn Fn(&PointErrors) -> Option<f64>, limit: f64| {
-        let of = |subset| median(subset, error).filter(|median| *median > limit);
+        let of = |subset: Subset| {
+            let of_subset = per_point.iter().filter(|point| point.subset == subset);
+            median(of_subset.filter_map(error)).filter(|median| *median > limit)
+        };
         match of(Subset::Identify) {
             Some(median) => Some(("the points that it was identified from", median)),
             None => Some(("the points to verify", of(Subset::Verify)?)),

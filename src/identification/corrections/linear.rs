@@ -3,11 +3,14 @@
 use super::{Term, across_gravity};
 use crate::identification::KinematicModel;
 use crate::identification::model::objective::Observation;
-use crate::identification::model::parameters::{Parameter, Quantity};
-use crate::identification::model::pose_rows::{rotation_residual_rad, rows_by_turn};
+use crate::identification::model::parameters::Parameter;
+use crate::identification::model::pose_rows::{
+    Moved, MovedBy, rotation_residual_rad, rows_by_turn,
+};
+use crate::kinematics::PositionJacobian;
 use crate::kinematics::compliance::{first_moments, rigid_chain};
 use crate::kinematics::forward::t_previous_link;
-use crate::kinematics::jacobian::{LinkColumns, link_columns};
+use crate::kinematics::jacobian::link_columns;
 use crate::kinematics::rotation::{left_jacobian, rotation_exp};
 use crate::kinematics::{Corrections, Mounting};
 use nalgebra::{DMatrix, DVector, IsometryMatrix3, Matrix3, Rotation3, Vector3};
@@ -34,12 +37,12 @@ pub fn linearise(
         let root = o.weight.sqrt();
         residuals
             .fixed_rows_mut::<3>(3 * i)
-            .copy_from(&(o.whitened(o.position_mm - pose.position_mm) * root));
+            .copy_from(&(o.whitened(o.position_mm - pose.at.position_mm) * root));
         // from a small rotation of the prediction to the change of its rotation rows
         let turned = rotation_rows[i].map(|row| {
             let measured = o.rotation.as_ref();
-            let predicted = Rotation3::from_matrix_unchecked(pose.flange_rotation)
-                * model.target_rotations[o.target];
+            let predicted =
+                Rotation3::from_matrix_unchecked(pose.at.target) * model.target_rotations[o.target];
             let (left, by_turn) = measured.map_or_else(Default::default, |measured| {
                 let root = root * measured.mm_per_rad;
                 let left = rotation_residual_rad(&predicted, measured) * root;
@@ -65,9 +68,10 @@ pub fn linearise(
                 }
             }
         };
+        let identity = Matrix3::identity();
+        let by = MovedBy::new(&pose.at, identity, identity, o.target);
         for (column, parameter) in parameters.iter().enumerate() {
-            let moved = pose.by_parameter(parameter, o.target);
-            put(&mut by_parameter, column, moved);
+            put(&mut by_parameter, column, by.parameter(parameter));
         }
         for (column, term) in terms.iter().enumerate() {
             let gravity = &corrections.compliance.gravity_in_base;
@@ -89,23 +93,6 @@ pub fn rotation_rows(model: &KinematicModel, observations: &[Observation]) -> Ve
     observations.iter().map(&mut row_of).collect()
 }
 
-/// Effect of a small change on a target: a shift, and a rotation vector, both in the measuring frame.
-#[derive(Clone, Copy, Default)]
-struct Moved {
-    shift: Vector3<f64>,
-    turn: Vector3<f64>,
-}
-
-impl Moved {
-    fn new(shift: Vector3<f64>, turn: Vector3<f64>) -> Self {
-        Self { shift, turn }
-    }
-
-    fn shifted(shift: Vector3<f64>) -> Self {
-        Self::new(shift, Vector3::zeros())
-    }
-}
-
 /// A rotation of a frame. `axes` transforms a rotation vector of the frame to the measuring frame. `lever` transforms the result to the target's
 /// shift.
 struct Turn {
@@ -123,11 +110,8 @@ impl Turn {
 /// One pose, in the measuring frame.
 struct Pose<'a> {
     q_rad: &'a [f64],
-    position_mm: Vector3<f64>,
-    links: Vec<LinkColumns>,
-    /// ∂p/∂(rotation of the whole robot about its base's origin).
-    base_rotation: Matrix3<f64>,
-    flange_rotation: Matrix3<f64>,
+    /// Position and its derivatives by links, base and target. The base turns the whole robot.
+    at: PositionJacobian,
     /// Effects of the rotation vector w = K∘M of each joint, and of the base.
     by_turn: Vec<Turn>,
     by_base_turn: Turn,
@@ -175,12 +159,14 @@ impl<'a> Pose<'a> {
         let position_mm = tip + net;
         Self {
             q_rad: &o.q_rad,
-            position_mm,
-            links: (0..n)
-                .map(|i| link_columns(&model.links[i], &before[i], &after[i], &tip))
-                .collect(),
-            base_rotation: -(position_mm - base.translation.vector).cross_matrix(),
-            flange_rotation: *at.rotation.matrix(),
+            at: PositionJacobian {
+                position_mm,
+                links: (0..n)
+                    .map(|i| link_columns(&model.links[i], &before[i], &after[i], &tip))
+                    .collect(),
+                base_rotation: -(position_mm - base.translation.vector).cross_matrix(),
+                target: *at.rotation.matrix(),
+            },
             by_turn: (0..n)
                 .map(|i| Turn {
                     lever: lever(&after[i]),
@@ -195,31 +181,6 @@ impl<'a> Pose<'a> {
             first: first.joints,
             first_base: first.base,
             corrections,
-        }
-    }
-
-    fn by_parameter(&self, parameter: &Parameter, own_target: usize) -> Moved {
-        let link = |link: usize| &self.links[link];
-        match *parameter {
-            Parameter::Link(i, Quantity::A) => Moved::shifted(link(i).a),
-            Parameter::Link(i, Quantity::Alpha) => Moved::new(link(i).alpha, link(i).a),
-            Parameter::Link(i, Quantity::D) => Moved::shifted(link(i).d),
-            Parameter::Link(i, Quantity::ThetaOffset) => {
-                Moved::new(link(i).theta_offset, link(i).d)
-            }
-            Parameter::Link(i, Quantity::Beta) => Moved::new(link(i).beta, link(i).beta_axis),
-            Parameter::BaseTranslation(axis) => Moved::shifted(Vector3::ith(axis, 1.0)),
-            Parameter::BaseRotation(axis) => Moved::new(
-                self.base_rotation.column(axis).into(),
-                Vector3::ith(axis, 1.0),
-            ),
-            Parameter::Target(target, axis) if target == own_target => {
-                Moved::shifted(self.flange_rotation.column(axis).into())
-            }
-            Parameter::TargetRotation(target, axis) if target == own_target => {
-                Moved::new(Vector3::zeros(), self.flange_rotation.column(axis).into())
-            }
-            Parameter::Target(..) | Parameter::TargetRotation(..) => Moved::default(),
         }
     }
 
@@ -251,8 +212,8 @@ impl<'a> Pose<'a> {
                 let (s, c) = libm::sincos((order + 1) as f64 * self.q_rad[joint]);
                 let size = if phase == 0 { s } else { c };
                 Moved::new(
-                    self.links[joint].theta_offset * size,
-                    self.links[joint].d * size,
+                    self.at.links[joint].theta_offset * size,
+                    self.at.links[joint].d * size,
                 )
             }
         }

@@ -206,10 +206,10 @@ fn rows_along(
     let of_points =
         weighted_jacobian(reference, parameters, observations, &Vector3::zeros()) * directions;
     let n = of_points.nrows();
-    let mut rows = of_points.resize_vertically(n + known.rows.len(), 0.0);
-    for (k, row) in known.rows.iter().enumerate() {
+    let mut rows = of_points.resize_vertically(n + known.all.len(), 0.0);
+    for (k, prior) in known.all.iter().enumerate() {
         rows.row_mut(n + k)
-            .copy_from(&(directions.row(row.parameter) * row.weight));
+            .copy_from(&(directions.row(prior.parameter) * known.weight(prior)));
     }
     rows
 }

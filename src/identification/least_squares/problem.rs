@@ -6,15 +6,17 @@
 //! times a length in mm/rad. The priors are rows too; [`crate::identification::least_squares::estimate`] adds them.
 
 use crate::identification::KinematicModel;
-use crate::identification::model::objective::{Observation, derivative_by, posed_targets};
+use crate::identification::model::objective::{Observation, posed_targets};
 use crate::identification::model::parameters::{
     Parameter, Quantity, apply_into, deviation_from, left_jacobian, placement_parameters,
     target_rotation_parameters,
 };
-use crate::identification::model::pose_rows::{TurnedBy, rotation_residual_rad};
+use crate::identification::model::pose_rows::{
+    MeasuredRotation, MovedBy, rotation_residual_rad, rows_by_turn,
+};
 use crate::kinematics::{Link, PositionJacobian, placement_jacobian, position_jacobian};
 use crate::solvers::median::median;
-use nalgebra::{DMatrix, IsometryMatrix3, Rotation3, Vector3};
+use nalgebra::{DMatrix, IsometryMatrix3, Matrix3, Rotation3, Vector3};
 use std::ops::Range;
 
 /// Prior of a link's length as a share of the reach (one standard deviation): 0.5 mm on an arm of 1.7 m.
@@ -180,6 +182,18 @@ impl Block<'_> {
         }
     }
 
+    /// The measured rotation of a pose, and its prediction; `None` for a position.
+    fn rotation(&self, model: &KinematicModel) -> Option<(&MeasuredRotation, Rotation3<f64>)> {
+        let o = self.measured;
+        let measured = o.rotation.as_ref()?;
+        let of_target = model.target_rotations.get(o.target)?;
+        let predicted = match self.flange {
+            Some(flange) => model.t_instrument_base.rotation * flange.rotation * of_target,
+            None => model.rotation(&o.q_rad, o.target)?,
+        };
+        Some((measured, predicted))
+    }
+
     /// Fills the rows' residuals and, if requested, their derivatives by the coordinates.
     fn fill(
         &self,
@@ -188,72 +202,46 @@ impl Block<'_> {
         residuals: &mut [f64],
         jacobian: Option<&mut DMatrix<f64>>,
     ) {
-        let o = self.measured;
-        let model = &at.model;
+        let (o, model) = (self.measured, &at.model);
         let here = self.jacobian(model, &model.targets_mm[o.target]);
         let root = o.weight.sqrt();
         let left = o.position_mm - here.position_mm;
-        let of_position = self.rows.start..self.rows.start + 3;
-        fill_rows(
-            &mut residuals[of_position.clone()],
-            &(o.whitened(left) * root),
-        );
-        let base_turned = left_jacobian(&at.base_rotation_rad);
-        let mut jacobian = jacobian;
-        if let Some(jacobian) = jacobian.as_deref_mut() {
-            let turned = here.base_rotation * base_turned;
-            for (j, variable) in problem.variables.iter().enumerate() {
-                let column = &mut jacobian.column_mut(j);
-                let rows = &mut column.as_mut_slice()[of_position.clone()];
-                let derivative = derivative_by(&variable.parameter, &here, &turned, o.target);
-                let derivative = o.whitened(derivative);
-                fill_rows(rows, &(derivative * (-root * variable.width)));
-            }
-        }
-        if self.rows.len() == 6 {
-            let of_target = left_jacobian(&at.target_rotations_rad[o.target]);
-            let by = TurnedBy::new(&here, base_turned, of_target, o.target);
-            self.fill_rotation(problem, model, &by, residuals, jacobian);
-        }
-    }
-
-    /// Fills the rotation rows of a pose.
-    fn fill_rotation(
-        &self,
-        problem: &Problem<'_>,
-        model: &KinematicModel,
-        by: &TurnedBy<'_>,
-        residuals: &mut [f64],
-        jacobian: Option<&mut DMatrix<f64>>,
-    ) {
-        let (o, of_rotation) = (self.measured, self.rows.start + 3..self.rows.end);
-        let Some(measured) = &o.rotation else { return };
-        let of_target = model.target_rotations[o.target];
-        let predicted = match self.flange {
-            Some(flange) => Some(model.t_instrument_base.rotation * flange.rotation * of_target),
-            None => model.rotation(&o.q_rad, o.target),
-        };
-        let Some(predicted) = predicted else { return };
-        let root_mm = o.weight.sqrt() * measured.mm_per_rad;
-        let left = rotation_residual_rad(&predicted, measured) * root_mm;
-        fill_rows(&mut residuals[of_rotation.clone()], &left);
-        let coupling = o.coupling();
-        let first = self.rows.start;
+        let residuals = &mut residuals[self.rows.clone()];
+        fill_rows(&mut residuals[..3], &(o.whitened(left) * root));
         // rows of the position depend on those of the rotation
+        let coupling = o.coupling();
         let add_to_position = |rows: &mut [f64], of_rotation: &Vector3<f64>| {
             if let Some(coupling) = &coupling {
                 let added = coupling * of_rotation;
-                (0..3).for_each(|axis| rows[first + axis] += added[axis]);
+                (0..3).for_each(|axis| rows[axis] += added[axis]);
             }
         };
-        add_to_position(residuals, &left);
+        let pose = self.rotation(model);
+        if let Some((measured, predicted)) = &pose {
+            let left = rotation_residual_rad(predicted, measured) * (root * measured.mm_per_rad);
+            fill_rows(&mut residuals[3..], &left);
+            add_to_position(residuals, &left);
+        }
         let Some(jacobian) = jacobian else { return };
-        let rows_by = by.rows(&predicted, measured);
+        let of_target = at.target_rotations_rad.get(o.target);
+        let of_target = of_target.map_or_else(Matrix3::identity, left_jacobian);
+        let of_base = left_jacobian(&at.base_rotation_rad);
+        let by = MovedBy::new(&here, of_base, of_target, o.target);
+        let by_turn = pose.map(|(measured, predicted)| {
+            let root_mm = root * measured.mm_per_rad;
+            (rows_by_turn(&predicted, measured), root_mm)
+        });
         for (j, variable) in problem.variables.iter().enumerate() {
+            let moved = by.parameter(&variable.parameter);
             let column = &mut jacobian.column_mut(j);
-            let derivative = rows_by * by.axis(&variable.parameter) * (-root_mm * variable.width);
-            fill_rows(&mut column.as_mut_slice()[of_rotation.clone()], &derivative);
-            add_to_position(column.as_mut_slice(), &derivative);
+            let rows = &mut column.as_mut_slice()[self.rows.clone()];
+            let shift = o.whitened(moved.shift) * (-root * variable.width);
+            fill_rows(&mut rows[..3], &shift);
+            if let Some((by_turn, root_mm)) = &by_turn {
+                let turn = by_turn * moved.turn * (-root_mm * variable.width);
+                fill_rows(&mut rows[3..], &turn);
+                add_to_position(rows, &turn);
+            }
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::identification::model::parameters::Parameter;
 use crate::solvers::orthonormal::{MIN_ROWS, triangle};
+use crate::solvers::products::side_by_side;
 use crate::solvers::qr::triangularise;
 use nalgebra::{DMatrix, DVector};
 
@@ -181,10 +182,7 @@ impl Decomposition {
             .filter(|s| **s >= MIN_PRIOR_RATIO)
             .count();
         let turned = unseen * &parted.directions;
-        let mut known = seen.clone().resize_horizontally(seen.ncols() + n_said, 0.0);
-        known
-            .columns_mut(seen.ncols(), n_said)
-            .copy_from(&turned.columns(0, n_said));
+        let known = side_by_side(&[&seen, &turned.columns(0, n_said).into_owned()]);
         (known, turned.columns_range(n_said..).into_owned())
     }
 

@@ -1,9 +1,11 @@
 //! The cost F and its residuals [Gao 2018, eq. 8, 11], with the identification Jacobian.
 
 use crate::identification::KinematicModel;
-use crate::identification::model::parameters::{Parameter, Quantity, left_jacobian};
-use crate::identification::model::pose_rows::{MeasuredRotation, TurnedBy, rotation_residual_rad};
-use crate::kinematics::{PositionJacobian, position_jacobian};
+use crate::identification::model::parameters::{Parameter, left_jacobian};
+use crate::identification::model::pose_rows::{
+    MeasuredRotation, MovedBy, rotation_residual_rad, rows_by_turn,
+};
+use crate::kinematics::position_jacobian;
 use nalgebra::{DMatrix, DVector, IsometryMatrix3, Matrix3, Point3, Rotation3, Vector3};
 use std::collections::BTreeSet;
 
@@ -185,54 +187,29 @@ pub fn weighted_jacobian(
             &observation.q_rad,
             target,
         );
-        let turned = at.base_rotation * left;
+        let by = MovedBy::new(&at, left, Matrix3::identity(), observation.target);
         let root = observation.weight.sqrt();
-        for (column, parameter) in parameters.iter().enumerate() {
-            let derivative = derivative_by(parameter, &at, &turned, observation.target);
-            let derivative = observation.whitened(derivative);
-            for axis in 0..3 {
-                jacobian[(row + axis, column)] = root * derivative[axis];
-            }
-        }
         let measured = observation.rotation.as_ref();
-        if let Some((measured, predicted)) =
-            measured.zip(model.rotation(&observation.q_rad, observation.target))
-        {
-            let by = TurnedBy::new(&at, left, Matrix3::identity(), observation.target);
-            let rows = by.rows(&predicted, measured) * (root * measured.mm_per_rad);
-            let coupling = observation.coupling();
-            for (column, parameter) in parameters.iter().enumerate() {
-                let derivative = rows * by.axis(parameter);
-                let mut here = jacobian.fixed_view_mut::<3, 1>(row + 3, column);
-                here.copy_from(&derivative);
-                if let Some(coupling) = &coupling {
-                    let mut here = jacobian.fixed_view_mut::<3, 1>(row, column);
-                    here += coupling * derivative;
+        let pose = measured.zip(model.rotation(&observation.q_rad, observation.target));
+        let by_turn = pose.map(|(measured, predicted)| {
+            rows_by_turn(&predicted, measured) * (root * measured.mm_per_rad)
+        });
+        let coupling = observation.coupling();
+        for (column, parameter) in parameters.iter().enumerate() {
+            let moved = by.parameter(parameter);
+            let mut shift = observation.whitened(moved.shift) * root;
+            let turn = by_turn.map(|by_turn| by_turn * moved.turn);
+            if let Some((coupling, turn)) = coupling.as_ref().zip(turn) {
+                shift += coupling * turn;
+            }
+            for axis in 0..3 {
+                jacobian[(row + axis, column)] = shift[axis];
+                if let Some(turn) = turn {
+                    jacobian[(row + 3 + axis, column)] = turn[axis];
                 }
             }
         }
         row += observation.n_rows(model);
     }
     jacobian
-}
-
-/// ∂(predicted position)/∂(parameter) of one pose with `target`, mm per mm or rad. `turned` is the derivative by the base's rotation vector.
-pub fn derivative_by(
-    parameter: &Parameter,
-    at: &PositionJacobian,
-    turned: &Matrix3<f64>,
-    target: usize,
-) -> Vector3<f64> {
-    match *parameter {
-        Parameter::Link(link, Quantity::A) => at.links[link].a,
-        Parameter::Link(link, Quantity::Alpha) => at.links[link].alpha,
-        Parameter::Link(link, Quantity::D) => at.links[link].d,
-        Parameter::Link(link, Quantity::ThetaOffset) => at.links[link].theta_offset,
-        Parameter::Link(link, Quantity::Beta) => at.links[link].beta,
-        Parameter::BaseTranslation(axis) => Vector3::ith(axis, 1.0),
-        Parameter::BaseRotation(axis) => turned.column(axis).into(),
-        Parameter::Target(other, _) if other != target => Vector3::zeros(),
-        Parameter::Target(_, axis) => at.target.column(axis).into(),
-        Parameter::TargetRotation(..) => Vector3::zeros(),
-    }
 }

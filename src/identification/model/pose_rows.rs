@@ -25,15 +25,36 @@ pub fn rotation_residual_rad(
     rotation_log(&(predicted.inverse() * measured.rotation))
 }
 
-/// Rotations of a target: the axis of each parameter, in the measuring frame.
-pub struct TurnedBy<'a> {
+/// Small motion of a target per unit of what moves it, in the measuring frame: a shift, and a rotation vector.
+#[derive(Clone, Copy, Default)]
+pub struct Moved {
+    /// mm.
+    pub shift: Vector3<f64>,
+    /// rad.
+    pub turn: Vector3<f64>,
+}
+
+impl Moved {
+    /// A shift and a rotation.
+    pub fn new(shift: Vector3<f64>, turn: Vector3<f64>) -> Self {
+        Self { shift, turn }
+    }
+
+    fn shifted(shift: Vector3<f64>) -> Self {
+        Self::new(shift, Vector3::zeros())
+    }
+}
+
+/// Motions of a target at one pose by each parameter.
+pub struct MovedBy<'a> {
     at: &'a PositionJacobian,
-    base: Matrix3<f64>,
-    of_target: Matrix3<f64>,
+    base_shift: Matrix3<f64>,
+    base_turn: Matrix3<f64>,
+    target_turn: Matrix3<f64>,
     target: usize,
 }
 
-impl<'a> TurnedBy<'a> {
+impl<'a> MovedBy<'a> {
     /// `base` and `of_target` are the left Jacobians of the rotation vectors of base and target relative to the reference.
     pub fn new(
         at: &'a PositionJacobian,
@@ -43,32 +64,37 @@ impl<'a> TurnedBy<'a> {
     ) -> Self {
         Self {
             at,
-            base,
-            of_target: at.target * of_target,
+            base_shift: at.base_rotation * base,
+            base_turn: base,
+            target_turn: at.target * of_target,
             target,
         }
     }
 
-    /// Small rotation of the target, in the measuring frame, per unit of a parameter: rad/mm or rad/rad.
-    pub fn axis(&self, parameter: &Parameter) -> Vector3<f64> {
+    /// Motion of the target per mm or rad of a parameter.
+    pub fn parameter(&self, parameter: &Parameter) -> Moved {
+        let link = |link: usize| &self.at.links[link];
         match *parameter {
-            Parameter::Link(link, Quantity::Alpha) => self.at.links[link].a,
-            Parameter::Link(link, Quantity::ThetaOffset) => self.at.links[link].d,
-            Parameter::Link(link, Quantity::Beta) => self.at.links[link].beta_axis,
-            Parameter::BaseRotation(axis) => self.base.column(axis).into(),
-            Parameter::TargetRotation(target, axis) if target == self.target => {
-                self.of_target.column(axis).into()
+            Parameter::Link(i, Quantity::A) => Moved::shifted(link(i).a),
+            Parameter::Link(i, Quantity::Alpha) => Moved::new(link(i).alpha, link(i).a),
+            Parameter::Link(i, Quantity::D) => Moved::shifted(link(i).d),
+            Parameter::Link(i, Quantity::ThetaOffset) => {
+                Moved::new(link(i).theta_offset, link(i).d)
             }
-            Parameter::Link(_, Quantity::A | Quantity::D)
-            | Parameter::BaseTranslation(_)
-            | Parameter::Target(..)
-            | Parameter::TargetRotation(..) => Vector3::zeros(),
+            Parameter::Link(i, Quantity::Beta) => Moved::new(link(i).beta, link(i).beta_axis),
+            Parameter::BaseTranslation(axis) => Moved::shifted(Vector3::ith(axis, 1.0)),
+            Parameter::BaseRotation(axis) => Moved::new(
+                self.base_shift.column(axis).into(),
+                self.base_turn.column(axis).into(),
+            ),
+            Parameter::Target(target, axis) if target == self.target => {
+                Moved::shifted(self.at.target.column(axis).into())
+            }
+            Parameter::TargetRotation(target, axis) if target == self.target => {
+                Moved::new(Vector3::zeros(), self.target_turn.column(axis).into())
+            }
+            Parameter::Target(..) | Parameter::TargetRotation(..) => Moved::default(),
         }
-    }
-
-    /// As [`rows_by_turn`].
-    pub fn rows(&self, predicted: &Rotation3<f64>, measured: &MeasuredRotation) -> Matrix3<f64> {
-        rows_by_turn(predicted, measured)
     }
 }
 

@@ -36,55 +36,32 @@ pub struct Priors {
     parameters: Vec<Parameter>,
 }
 
-/// A prior as a row of least squares: residual = weight · (mean − deviation).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PriorRow {
-    /// Index of the parameter.
-    pub parameter: usize,
-    /// σ/std, mm per mm or rad.
-    pub weight: f64,
-    /// Expected deviation of the parameter, mm or rad.
-    pub mean: f64,
-}
-
-/// Bounds of a deviation, mm or rad.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Limit {
-    /// Index of the parameter.
-    pub parameter: usize,
-    /// Lower bound.
-    pub low: f64,
-    /// Upper bound.
-    pub high: f64,
-}
-
-impl Limit {
+impl Prior {
     /// The nearest deviation within the bounds.
     pub fn within(&self, deviation: f64) -> f64 {
-        deviation.max(self.low).min(self.high)
+        deviation.max(self.min).min(self.max)
     }
 }
 
 /// Priors and bounds relative to a model, whose deviations are 0.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PriorRows {
-    /// Priors.
-    pub rows: Vec<PriorRow>,
-    /// Bounds of the parameters that have any.
-    pub limits: Vec<Limit>,
+    /// The priors, relative to the model.
+    pub all: Vec<Prior>,
+    /// σ, mm.
+    scale_mm: f64,
 }
 
 impl PriorRows {
-    /// Residuals of the priors, mm.
-    pub fn residuals<'a>(&'a self, deviation: &'a [f64]) -> impl Iterator<Item = f64> + 'a {
-        self.rows
-            .iter()
-            .map(|row| row.weight * (row.mean - deviation[row.parameter]))
+    /// σ/std of a prior, mm per mm or rad. Its row of least squares is this times (mean − deviation).
+    pub fn weight(&self, prior: &Prior) -> f64 {
+        self.scale_mm / prior.std
     }
 
     /// Cost of the priors, mm².
     pub fn cost_mm2(&self, deviation: &[f64]) -> f64 {
-        self.residuals(deviation).map(|r| r * r).sum()
+        let row = |prior: &Prior| self.weight(prior) * (prior.mean - deviation[prior.parameter]);
+        self.all.iter().map(row).map(|r| r * r).sum()
     }
 }
 
@@ -109,29 +86,16 @@ impl Priors {
 
     /// Priors and bounds relative to a model.
     pub fn from(&self, model: &KinematicModel) -> PriorRows {
-        let of = |(prior, at): (&Prior, f64)| {
-            let row = PriorRow {
-                parameter: prior.parameter,
-                weight: self.scale_mm / prior.std,
-                mean: prior.mean - at,
-            };
-            (
-                row,
-                Limit {
-                    parameter: prior.parameter,
-                    low: prior.min - at,
-                    high: prior.max - at,
-                },
-            )
+        let relative = |(prior, at): (&Prior, f64)| Prior {
+            mean: prior.mean - at,
+            min: prior.min - at,
+            max: prior.max - at,
+            ..*prior
         };
-        let (rows, limits): (Vec<PriorRow>, Vec<Limit>) =
-            self.all.iter().zip(self.deviations(model)).map(of).unzip();
+        let all = self.all.iter().zip(self.deviations(model));
         PriorRows {
-            rows,
-            limits: limits
-                .into_iter()
-                .filter(|l| l.low.is_finite() || l.high.is_finite())
-                .collect(),
+            all: all.map(relative).collect(),
+            scale_mm: self.scale_mm,
         }
     }
 
@@ -150,15 +114,10 @@ impl Priors {
 
     /// The model with every parameter moved inside its bounds.
     pub fn within_bounds(&self, model: &KinematicModel) -> KinematicModel {
-        self.moved(model, |limit| limit.within(0.0))
-    }
-
-    fn moved(&self, model: &KinematicModel, by: impl Fn(&Limit) -> f64) -> KinematicModel {
         let mut deviation = vec![0.0; self.parameters.len()];
-        self.from(model)
-            .limits
-            .iter()
-            .for_each(|limit| deviation[limit.parameter] = by(limit));
+        for prior in self.from(model).all {
+            deviation[prior.parameter] = prior.within(0.0);
+        }
         if deviation.iter().all(|d| *d == 0.0) {
             model.clone()
         } else {
@@ -177,17 +136,17 @@ impl Priors {
             .iter()
             .map(|p| deviation_from(from, to, p))
             .collect();
-        let share = |limit: &Limit| {
-            let bound = if way[limit.parameter] > 0.0 {
-                limit.high
+        let share = |prior: &Prior| {
+            let bound = if way[prior.parameter] > 0.0 {
+                prior.max
             } else {
-                limit.low
+                prior.min
             };
-            (bound / way[limit.parameter]).max(0.0)
+            (bound / way[prior.parameter]).max(0.0)
         };
-        let beyond = |limit: &&Limit| limit.within(way[limit.parameter]) != way[limit.parameter];
-        let limits = self.from(from).limits;
-        match limits
+        let beyond = |prior: &&Prior| prior.within(way[prior.parameter]) != way[prior.parameter];
+        let known = self.from(from).all;
+        match known
             .iter()
             .filter(beyond)
             .min_by(|a, b| share(a).total_cmp(&share(b)))

@@ -95,8 +95,8 @@ impl SearchSpace {
         } else {
             combine(self.directions.as_slice(), coordinates, deviation);
         }
-        for limit in &self.known.limits {
-            deviation[limit.parameter] = limit.within(deviation[limit.parameter]);
+        for prior in &self.known.all {
+            deviation[prior.parameter] = prior.within(deviation[prior.parameter]);
         }
     }
 

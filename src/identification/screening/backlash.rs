@@ -10,12 +10,14 @@
 //! moves all poses alike, and a joint moves each in its own direction: F has to be larger than with the joint's effects exchanged between poses.
 
 use crate::identification::screening::outliers::Linearised;
-use crate::identification::screening::row_order::holds_in_random_orders;
+use crate::identification::screening::row_order::{
+    InOrder, by_configuration, holds_in_random_orders,
+};
 use crate::identification::screening::settling::REPEATABILITY_PER_REACH;
 use crate::identification::screening::whitening::Whitened;
 use crate::identification::statistics::distributions::{chi_square_quantile, f_tail};
-use crate::solvers::watch::Watch;
-use nalgebra::{DMatrix, Matrix3xX, Vector3};
+use crate::solvers::products::side_by_side;
+use nalgebra::{DMatrix, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Probability of reporting play if there is none.
@@ -58,26 +60,6 @@ pub struct Backlash {
     pub shown_by: ShownBy,
 }
 
-/// The points in measuring order.
-pub struct Approaches<'a> {
-    /// The fit to them.
-    pub linear: &'a Linearised,
-    /// The features of the misfit.
-    pub features: &'a DMatrix<f64>,
-    /// Effects of one rad of each joint at each point, weighted.
-    pub joints: &'a [&'a Matrix3xX<f64>],
-    /// Joint values of each point.
-    pub q_rad: &'a [&'a [f64]],
-    /// Configuration of each point.
-    pub clusters: &'a [usize],
-    /// Target of each point.
-    pub targets: &'a [usize],
-    /// Radius of the workspace, mm.
-    pub reach_mm: f64,
-    /// Asked between the random orders whether to go on.
-    pub watch: &'a Watch<'a>,
-}
-
 /// What was found, and the columns with which a fit can follow it.
 pub struct Found {
     /// Play, one entry per joint.
@@ -112,7 +94,7 @@ impl Scatter {
     }
 }
 
-impl Approaches<'_> {
+impl InOrder<'_> {
     /// The play of joints.
     pub fn backlash(&self) -> Found {
         let n_rows = self.linear.residuals.len();
@@ -123,14 +105,14 @@ impl Approaches<'_> {
         let places: Vec<usize> = (0..self.q_rad.len()).collect();
         let mut linear = self.linear.clone();
         while found.backlash.len() < self.n_joints()
-            && let Some((backlash, column)) = self.by_order(&linear, &places)
+            && let Some((backlash, column)) = self.play_by_order(&linear, &places)
         {
             linear = linear.with(&column);
-            found.columns = side_by_side(&found.columns, &column);
+            found.columns = side_by_side(&[&found.columns, &column]);
             found.backlash.push(backlash);
         }
-        if let Some((backlash, columns)) = self.by_repeats(&linear) {
-            found.columns = side_by_side(&found.columns, &columns);
+        if let Some((backlash, columns)) = self.play_by_repeats(&linear) {
+            found.columns = side_by_side(&[&found.columns, &columns]);
             found.backlash.push(backlash);
         }
         found
@@ -167,7 +149,7 @@ impl Approaches<'_> {
         column
     }
 
-    fn fitted(&self, problem: &Whitened, places: &[usize]) -> Vec<Fitted> {
+    fn fitted_play(&self, problem: &Whitened, places: &[usize]) -> Vec<Fitted> {
         let fitted = |joint: usize| {
             let sides = self.sides(places, joint);
             // the arm lags behind
@@ -186,16 +168,20 @@ impl Approaches<'_> {
     }
 
     /// The play that explains most by the measuring order, and its column.
-    fn by_order(&self, linear: &Linearised, places: &[usize]) -> Option<(Backlash, DMatrix<f64>)> {
+    fn play_by_order(
+        &self,
+        linear: &Linearised,
+        places: &[usize],
+    ) -> Option<(Backlash, DMatrix<f64>)> {
         self.watch.goes_on().then_some(())?;
-        let problem = Whitened::new(linear, self.features, self.watch);
+        let problem = Whitened::new(linear, &self.features, self.watch);
         let left = problem.residuals.norm_squared();
         let rows = problem.residuals.len() as f64;
         let freedom = rows - problem.n_fitted as f64 - 1.0;
         if freedom < 3.0 || left <= rows * linear.rounding_mm * linear.rounding_mm {
             return None;
         }
-        let tried = self.fitted(&problem, places);
+        let tried = self.fitted_play(&problem, places);
         let design = problem.design_effect(self.clusters.iter().copied());
         let best = tried.iter().max_by(|a, b| a.gain.total_cmp(&b.gain))?;
         let variance = (left - best.gain).max(f64::MIN_POSITIVE) / freedom;
@@ -203,7 +189,7 @@ impl Approaches<'_> {
         let effect_mm = best.coefficient.abs() * best.column.norm() / rows.sqrt();
         if probability * tried.len() as f64 > FALSE_ALARMS / N_TESTS
             || effect_mm < SMALLEST_EFFECT * variance.sqrt()
-            || !self.stands_out(&problem, best.gain)
+            || !self.play_stands_out(&problem, best.gain)
         {
             return None;
         }
@@ -223,19 +209,14 @@ impl Approaches<'_> {
         // before the joint's first move nobody knows its side
         let sides = self.sides(places, best.joint);
         let unknown: Vec<f64> = sides.iter().map(|side| 1.0 - side.abs()).collect();
-        let column = side_by_side(&best.column, &self.column(best.joint, &unknown));
+        let column = side_by_side(&[&best.column, &self.column(best.joint, &unknown)]);
         Some((backlash, column))
     }
 
     /// True if no joint gains as much in random orders of the configurations.
-    fn stands_out(&self, problem: &Whitened, gain: f64) -> bool {
-        let mut blocks: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-        for (place, cluster) in self.clusters.iter().enumerate() {
-            blocks.entry(*cluster).or_default().push(place);
-        }
-        let blocks: Vec<Vec<usize>> = blocks.into_values().collect();
-        holds_in_random_orders(blocks, self.watch, |places| {
-            self.fitted(problem, places)
+    fn play_stands_out(&self, problem: &Whitened, gain: f64) -> bool {
+        holds_in_random_orders(by_configuration(&self.clusters), self.watch, |places| {
+            self.fitted_play(problem, places)
                 .iter()
                 .all(|other| other.gain <= gain)
         })
@@ -244,7 +225,7 @@ impl Approaches<'_> {
     /// Points of the same target in the same configuration, where there are several.
     fn poses(&self) -> Vec<Vec<usize>> {
         let mut visits: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
-        for (place, key) in self.clusters.iter().zip(self.targets).enumerate() {
+        for (place, key) in self.clusters.iter().zip(&self.targets).enumerate() {
             visits.entry((*key.0, *key.1)).or_default().push(place);
         }
         visits
@@ -305,7 +286,7 @@ impl Approaches<'_> {
     }
 
     /// Play by the visits of the same poses, whatever side they came from, and the column with which a fit can follow it.
-    fn by_repeats(&self, linear: &Linearised) -> Option<(Backlash, DMatrix<f64>)> {
+    fn play_by_repeats(&self, linear: &Linearised) -> Option<(Backlash, DMatrix<f64>)> {
         let poses = self.poses();
         if poses.len() < MIN_POSES || !self.watch.goes_on() {
             return None;
@@ -361,11 +342,4 @@ impl Approaches<'_> {
         };
         Some((backlash, column))
     }
-}
-
-fn side_by_side(left: &DMatrix<f64>, right: &DMatrix<f64>) -> DMatrix<f64> {
-    let (n, n_more) = (left.ncols(), right.ncols());
-    let mut all = left.clone().resize_horizontally(n + n_more, 0.0);
-    all.columns_mut(n, n_more).copy_from(right);
-    all
 }

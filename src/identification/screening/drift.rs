@@ -9,10 +9,13 @@
 //! Poses that were visited several times show a drift without a model of the robot: only differences within a pose count.
 
 use crate::identification::screening::outliers::Linearised;
-use crate::identification::screening::row_order::{holds_in_random_orders, visits};
+use crate::identification::screening::row_order::{
+    InOrder, by_configuration, holds_in_random_orders, visits,
+};
 use crate::identification::screening::whitening::{Gain, Whitened, Whitener};
 use crate::identification::statistics::distributions::{chi_square_tail, f_tail};
-use crate::identification::statistics::variance::{kept_ratio, misfit_ratio};
+use crate::identification::statistics::variance::{RandomEffect, misfit_ratio, random_effect};
+use crate::solvers::products::side_by_side;
 use crate::solvers::watch::Watch;
 use nalgebra::{DMatrix, Vector3};
 use std::collections::BTreeMap;
@@ -72,24 +75,6 @@ pub struct Drift {
     pub by_repeats_mm: Option<(usize, Vector3<f64>)>,
 }
 
-/// The points in measuring order.
-pub struct Session<'a> {
-    /// The fit to them.
-    pub linear: &'a Linearised,
-    /// The features of the misfit.
-    pub features: &'a DMatrix<f64>,
-    /// Square root of each point's weight.
-    pub roots: &'a [f64],
-    /// Joint values of each point.
-    pub q_rad: &'a [&'a [f64]],
-    /// Configuration of each point.
-    pub clusters: &'a [usize],
-    /// Target of each point.
-    pub targets: &'a [usize],
-    /// Asked between the random orders whether to go on.
-    pub watch: &'a Watch<'a>,
-}
-
 /// Time of each of n points.
 fn times(n: usize) -> Vec<f64> {
     let last = n.saturating_sub(1).max(1) as f64;
@@ -136,29 +121,33 @@ fn walk(roots: &[f64], times: &[f64]) -> DMatrix<f64> {
     columns
 }
 
-fn side_by_side(matrices: &[&DMatrix<f64>]) -> DMatrix<f64> {
-    let n_columns = matrices.iter().map(|m| m.ncols()).sum();
-    let mut all = DMatrix::zeros(matrices[0].nrows(), n_columns);
-    let mut first = 0;
-    for m in matrices {
-        all.columns_mut(first, m.ncols()).copy_from(m);
-        first += m.ncols();
-    }
-    all
-}
-
-/// Most likely ratio of the variances of a random walk and of the noise, in addition to the misfit. Also its gain in likelihood: 2·log of the
-/// likelihoods' ratio.
-fn walk_ratio(
+/// A random walk as a random effect beside the misfit.
+fn walk_effect(
     linear: &Linearised,
     features: &DMatrix<f64>,
     misfit: f64,
     walk: &DMatrix<f64>,
-) -> Option<(f64, f64)> {
+) -> Option<RandomEffect> {
     let whitener = Whitener::new(features, misfit)?;
     let q = whitener.whitened(&linear.basis).qr().q();
     let y = whitener.whitened_column(&linear.residuals);
-    kept_ratio(&y, &q, &whitener.whitened(walk))
+    random_effect(&y, &q, &whitener.whitened(walk))
+}
+
+/// The whitened problem of `linear`, with misfit and random walk as they are beside all columns of `all`.
+fn beside_walk(
+    linear: &Linearised,
+    all: &Linearised,
+    features: &DMatrix<f64>,
+    roots: &[f64],
+    watch: &Watch<'_>,
+) -> Option<Whitened> {
+    let misfit = misfit_ratio(&all.residuals, &all.basis, features);
+    let walk = walk(roots, &times(roots.len()));
+    watch.goes_on().then_some(())?;
+    let of_walk = walk_effect(all, features, misfit, &walk)?.kept_ratio();
+    let random = side_by_side(&[&(features * misfit.sqrt()), &(walk * of_walk.sqrt())]);
+    Whitened::with_ratio(linear, &random, 1.0, watch)
 }
 
 /// Gain of a change in addition to a drift.
@@ -195,20 +184,8 @@ pub fn beside_drift(
         .into_iter()
         .filter_map(warm_up)
         .max_by(|a, b| a.0.total_cmp(&b.0))?;
-    let with = |columns: &DMatrix<f64>| {
-        Linearised::new(
-            &linear.residuals,
-            side_by_side(&[&linear.basis, columns]),
-            linear.rounding_mm,
-        )
-    };
-    let all = with(&side_by_side(&[&smooth, change]));
-    let misfit = misfit_ratio(&all.residuals, &all.basis, features);
-    let walk = walk(roots, &times);
-    watch.goes_on().then_some(())?;
-    let (of_walk, _) = walk_ratio(&all, features, misfit, &walk)?;
-    let random = side_by_side(&[&(features * misfit.sqrt()), &(walk * of_walk.sqrt())]);
-    let problem = Whitened::with_ratio(&with(&smooth), &random, 1.0, watch)?;
+    let all = linear.with(&side_by_side(&[&smooth, change]));
+    let problem = beside_walk(&linear.with(&smooth), &all, features, roots, watch)?;
     let gain = problem.fitted(change)?.gain;
     let freedom = (3 * roots.len()) as f64 - (problem.n_fitted + change.ncols()) as f64;
     (freedom >= 1.0).then_some(Beside {
@@ -242,27 +219,18 @@ struct Visit {
     n_rows: usize,
 }
 
-impl Session<'_> {
+impl InOrder<'_> {
     /// The drift of a session; `None` if none is significant.
     pub fn drift(&self) -> Option<Drift> {
         let n = self.roots.len();
         let every = n.div_ceil(MAX_POINTS).max(1);
-        if every == 1 {
-            return self.drift_of_all();
+        match every {
+            1 => self.drift_of_all(),
+            _ => {
+                let taken: Vec<usize> = (0..n).step_by(every).collect();
+                self.of(&taken).drift_of_all()
+            }
         }
-        let taken: Vec<usize> = (0..n).step_by(every).collect();
-        let rows: Vec<usize> = taken.iter().flat_map(|i| 3 * i..3 * i + 3).collect();
-        let some = |values: &[usize]| -> Vec<usize> { taken.iter().map(|i| values[*i]).collect() };
-        Session {
-            linear: &self.linear.of(&taken),
-            features: &self.features.select_rows(&rows),
-            roots: &taken.iter().map(|i| self.roots[*i]).collect::<Vec<_>>(),
-            q_rad: &taken.iter().map(|i| self.q_rad[*i]).collect::<Vec<_>>(),
-            clusters: &some(self.clusters),
-            targets: &some(self.targets),
-            watch: self.watch,
-        }
-        .drift_of_all()
     }
 
     fn drift_of_all(&self) -> Option<Drift> {
@@ -270,7 +238,7 @@ impl Session<'_> {
             return None;
         }
         let times = times(self.roots.len());
-        let problem = Whitened::new(self.linear, self.features, self.watch);
+        let problem = Whitened::new(&self.linear, &self.features, self.watch);
         let left = problem.residuals.norm_squared();
         let rows = (3 * self.roots.len()) as f64;
         let freedom = rows - problem.n_fitted as f64 - 4.0;
@@ -279,7 +247,7 @@ impl Session<'_> {
         }
         let design = problem.design_effect(self.clusters.iter().copied());
         let shape = |time_constant: f64| {
-            let gain = problem.fitted(&shifts(self.roots, &times, |t| done(t, time_constant)))?;
+            let gain = problem.fitted(&shifts(&self.roots, &times, |t| done(t, time_constant)))?;
             let variance = (left - gain.gain).max(f64::MIN_POSITIVE) / freedom * design;
             let is_ramp = time_constant == RAMP_TIME_CONSTANT;
             let n_numbers = if is_ramp { 3.0 } else { 4.0 };
@@ -303,15 +271,15 @@ impl Session<'_> {
         let best = shapes
             .filter_map(shape)
             .min_by(|a, b| a.criterion.total_cmp(&b.criterion))?;
-        let misfit = misfit_ratio(&self.linear.residuals, &self.linear.basis, self.features);
-        let walk = walk(self.roots, &times);
-        let of_walk = walk_ratio(self.linear, self.features, misfit, &walk);
-        let likelier = of_walk.map_or(0.0, |(_, likelier)| likelier) / design;
+        let misfit = misfit_ratio(&self.linear.residuals, &self.linear.basis, &self.features);
+        let walk = walk(&self.roots, &times);
+        let of_walk = walk_effect(&self.linear, &self.features, misfit, &walk);
+        let likelier = of_walk.map_or(0.0, |effect| effect.likelier) / design;
         let wandering =
             rows * libm::log(left.max(f64::MIN_POSITIVE)) / design - likelier + libm::log(rows);
         // a variance is at its bound without a random walk [Self & Liang 1987]
         let by_chance = 0.5 * chi_square_tail(likelier, 1.0);
-        let repeats = self.by_repeats(&times);
+        let repeats = self.drift_by_repeats(&times);
         let of_repeats = repeats.as_ref().map_or(1.0, |repeats| repeats.probability);
         let limit = FALSE_ALARMS / N_TESTS;
         let is_shown = best.probability <= limit || of_repeats <= limit;
@@ -321,8 +289,8 @@ impl Session<'_> {
         if !(is_shown || by_chance <= limit) || !is_large {
             return None;
         }
-        let is_sure = || self.stands_out(&problem, &times, &best);
-        let is_sure_on_path = || !self.is_path() || self.beside_walk(&times, &best, limit);
+        let is_sure = || self.drift_stands_out(&problem, &times, &best);
+        let is_sure_on_path = || !self.is_path() || self.is_beside_walk(&times, &best, limit);
         if of_repeats > limit && !(is_sure() && is_sure_on_path()) {
             return None;
         }
@@ -337,15 +305,6 @@ impl Session<'_> {
             std_mm: noise_mm * variance.max(0.0).sqrt(),
             by_repeats_mm: repeats.map(|repeats| (repeats.n_rows, repeats.vector_mm)),
         })
-    }
-
-    /// The points of each configuration.
-    fn blocks(&self) -> Vec<Vec<usize>> {
-        let mut blocks: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-        for (i, cluster) in self.clusters.iter().enumerate() {
-            blocks.entry(*cluster).or_default().push(i);
-        }
-        blocks.into_values().collect()
     }
 
     /// True if the configurations were measured along a path: from point to point the joints move less than in random orders.
@@ -368,24 +327,20 @@ impl Session<'_> {
                 .map(|pair| (0..n_joints).map(|j| of_joint(pair, j)).sum::<f64>())
                 .sum()
         };
-        let as_measured = moved(&visits(self.clusters).concat());
-        holds_in_random_orders(self.blocks(), self.watch, |places| {
+        let as_measured = moved(&visits(&self.clusters).concat());
+        holds_in_random_orders(by_configuration(&self.clusters), self.watch, |places| {
             as_measured < moved(places)
         })
     }
 
     /// True if a ramp or a warm-up is significant beside a random walk that is estimated together with it. Along a path, whatever links cannot describe
     /// changes with time: it looks like a random walk.
-    fn beside_walk(&self, times: &[f64], best: &Fitted, limit: f64) -> bool {
-        let columns = shifts(self.roots, times, |t| done(t, best.course.time_constant()));
+    fn is_beside_walk(&self, times: &[f64], best: &Fitted, limit: f64) -> bool {
+        let columns = shifts(&self.roots, times, |t| done(t, best.course.time_constant()));
         let all = self.linear.with(&columns);
-        let misfit = misfit_ratio(&all.residuals, &all.basis, self.features);
-        let walk = walk(self.roots, times);
         let probability = || {
-            let (of_walk, _) = walk_ratio(&all, self.features, misfit, &walk)?;
-            let random =
-                side_by_side(&[&(self.features * misfit.sqrt()), &(walk * of_walk.sqrt())]);
-            let problem = Whitened::with_ratio(self.linear, &random, 1.0, self.watch)?;
+            let (linear, features) = (&self.linear, &self.features);
+            let problem = beside_walk(linear, &all, features, &self.roots, self.watch)?;
             let gain = problem.fitted(&columns)?.gain;
             let freedom = columns.nrows() as f64 - problem.n_fitted as f64 - 3.0;
             let variance = (problem.residuals.norm_squared() - gain) / freedom
@@ -396,13 +351,13 @@ impl Session<'_> {
     }
 
     /// True if the gain is larger than in random orders of the configurations.
-    fn stands_out(&self, problem: &Whitened, times: &[f64], best: &Fitted) -> bool {
+    fn drift_stands_out(&self, problem: &Whitened, times: &[f64], best: &Fitted) -> bool {
         let time_constant = best.course.time_constant();
-        holds_in_random_orders(self.blocks(), self.watch, |places| {
+        holds_in_random_orders(by_configuration(&self.clusters), self.watch, |places| {
             let mut shuffled = vec![0.0; times.len()];
             let pairs = places.iter().zip(times);
             pairs.for_each(|(i, t)| shuffled[*i] = *t);
-            let columns = shifts(self.roots, &shuffled, |t| done(t, time_constant));
+            let columns = shifts(&self.roots, &shuffled, |t| done(t, time_constant));
             let other = problem.fitted(&columns).map_or(0.0, |gain| gain.gain);
             other <= best.gain.gain
         })
@@ -410,10 +365,10 @@ impl Session<'_> {
 
     /// A ramp fitted to the differences within poses of the same target that were visited several times. What the points of a target have in common at
     /// one visit counts once, and so do the targets of a visit: they share the robot's repeatability.
-    fn by_repeats(&self, times: &[f64]) -> Option<ByRepeats> {
+    fn drift_by_repeats(&self, times: &[f64]) -> Option<ByRepeats> {
         // by configuration and target
         let mut visited: BTreeMap<usize, BTreeMap<usize, Vec<Visit>>> = BTreeMap::new();
-        for visit in visits(self.clusters) {
+        for visit in visits(&self.clusters) {
             let mut of_targets: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
             for i in &visit {
                 of_targets.entry(self.targets[*i]).or_default().push(*i);

@@ -4,7 +4,7 @@ pub mod backlash;
 pub mod columns;
 pub mod drift;
 pub mod outliers;
-mod row_order;
+pub mod row_order;
 pub mod settling;
 pub mod steps;
 pub mod target_turns;

@@ -9,7 +9,7 @@
 use crate::identification::statistics::distributions::f_tail;
 use crate::solvers::loss::{Loss, TUKEY_C_95};
 use crate::solvers::orthonormal::orthonormal;
-use crate::solvers::products::add_weighted_square;
+use crate::solvers::products::{add_weighted_square, side_by_side};
 use crate::solvers::watch::Watch;
 use nalgebra::{Cholesky, DMatrix, DMatrixView, DVector, Dyn, Matrix3, Vector3};
 use std::borrow::Cow;
@@ -112,9 +112,7 @@ impl Linearised {
 
     /// The problem with further columns that are fitted.
     pub fn with(&self, columns: &DMatrix<f64>) -> Self {
-        let (n, n_more) = (self.basis.ncols(), columns.ncols());
-        let mut all = self.basis.clone().resize_horizontally(n + n_more, 0.0);
-        all.columns_mut(n, n_more).copy_from(columns);
+        let all = side_by_side(&[&self.basis, columns]);
         Self::new(&self.residuals, all, self.rounding_mm)
     }
 
@@ -185,10 +183,8 @@ impl<'a> Blocks<'a> {
     }
 
     fn beside(of: &'a Linearised, expected: &ExpectedErrors<'_>, watch: &'a Watch<'a>) -> Self {
-        let (r, k) = (of.basis.ncols(), expected.variances.len());
-        let mut basis = of.basis.clone().resize_horizontally(r + k, 0.0);
-        basis.columns_mut(r, k).copy_from(expected.directions);
-        let mut ridge = vec![0.0; r];
+        let basis = side_by_side(&[&of.basis, expected.directions]);
+        let mut ridge = vec![0.0; of.basis.ncols()];
         ridge.extend(expected.variances.iter().map(|variance| 1.0 / variance));
         Self {
             of,

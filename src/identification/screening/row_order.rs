@@ -1,9 +1,11 @@
-//! The order in which points were measured: how much points of one configuration err together, and random orders of the configurations.
+//! Points in the order in which they were measured: how much points of one configuration err together, and random orders of the configurations.
 
+use crate::identification::screening::outliers::Linearised;
 use crate::solvers::watch::Watch;
-use nalgebra::{DMatrix, DVector, Matrix3xX, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, Matrix3xX, Vector3};
 use rand::seq::SliceRandom;
 use rand::{SeedableRng, rngs::ChaCha8Rng};
+use std::collections::BTreeMap;
 
 /// Maximum number of random orders. An effect must be larger than in every one of them.
 const ORDERS: usize = 199;
@@ -11,6 +13,61 @@ const ORDERS: usize = 199;
 const ORDERED_POINTS: usize = 24_000;
 /// Minimum number of random orders.
 const MIN_ORDERS: usize = 39;
+
+/// Points in measuring order.
+#[derive(Clone)]
+pub struct InOrder<'a> {
+    /// The fit to them.
+    pub linear: Linearised,
+    /// Features of the misfit, 3·N × m.
+    pub features: DMatrix<f64>,
+    /// Effects of one rad of each joint at each point, weighted.
+    pub joints: Vec<&'a Matrix3xX<f64>>,
+    /// Effect of a shift at each point, weighted.
+    pub shifts: Vec<Matrix3<f64>>,
+    /// Square root of each point's weight.
+    pub roots: Vec<f64>,
+    /// Joint values of each point.
+    pub q_rad: Vec<&'a [f64]>,
+    /// Configuration of each point.
+    pub clusters: Vec<usize>,
+    /// Target of each point.
+    pub targets: Vec<usize>,
+    /// Radius of the workspace, mm.
+    pub reach_mm: f64,
+    /// Asked whether to go on.
+    pub watch: &'a Watch<'a>,
+}
+
+impl InOrder<'_> {
+    /// Some of the points, in the given order.
+    pub fn of(&self, points: &[usize]) -> Self {
+        fn some<T: Copy>(all: &[T], points: &[usize]) -> Vec<T> {
+            points.iter().map(|i| all[*i]).collect()
+        }
+        let rows: Vec<usize> = points.iter().flat_map(|i| 3 * i..3 * i + 3).collect();
+        Self {
+            linear: self.linear.of(points),
+            features: self.features.select_rows(&rows),
+            joints: some(&self.joints, points),
+            shifts: some(&self.shifts, points),
+            roots: some(&self.roots, points),
+            q_rad: some(&self.q_rad, points),
+            clusters: some(&self.clusters, points),
+            targets: some(&self.targets, points),
+            ..*self
+        }
+    }
+}
+
+/// The places of each configuration. `clusters` has the configuration of each place.
+pub fn by_configuration(clusters: &[usize]) -> Vec<Vec<usize>> {
+    let mut blocks: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    for (place, cluster) in clusters.iter().enumerate() {
+        blocks.entry(*cluster).or_default().push(place);
+    }
+    blocks.into_values().collect()
+}
 
 /// Visits: stretches of points of one configuration, measured one after another. `clusters` has the configuration of each point.
 pub fn visits(clusters: &[usize]) -> Vec<Vec<usize>> {

@@ -7,12 +7,10 @@
 //!
 //! A turn by δ moves targets differently, so the scatter about the means of visits is not the noise of a point. The random effect tells both apart.
 
-use crate::identification::screening::outliers::Linearised;
-use crate::identification::screening::row_order::visits;
+use crate::identification::screening::row_order::{InOrder, visits};
 use crate::identification::screening::whitening::Whitener;
 use crate::identification::statistics::variance::{RandomEffect, misfit_ratio, random_effect};
-use crate::solvers::watch::Watch;
-use nalgebra::{DMatrix, Matrix3, Matrix3xX};
+use nalgebra::DMatrix;
 
 /// Probability of reporting shared errors if there are none.
 const FALSE_ALARMS: f64 = 0.002;
@@ -37,24 +35,6 @@ pub struct SharedErrors {
     pub joints_rad: Option<f64>,
 }
 
-/// The points in measuring order.
-pub struct Visits<'a> {
-    /// The fit to them.
-    pub linear: &'a Linearised,
-    /// The features of the misfit.
-    pub features: &'a DMatrix<f64>,
-    /// Effects of one rad of each joint at each point, weighted.
-    pub joints: &'a [&'a Matrix3xX<f64>],
-    /// Effect of a shift at each point, weighted.
-    pub shifts: &'a [Matrix3<f64>],
-    /// Configuration of each point.
-    pub clusters: &'a [usize],
-    /// Radius of the workspace, mm.
-    pub reach_mm: f64,
-    /// Asked whether to go on.
-    pub watch: &'a Watch<'a>,
-}
-
 /// Random effects of the visits: the columns of each visit are 0 at the points of the others.
 fn of_visits<'a>(
     visits: &[Vec<usize>],
@@ -75,10 +55,10 @@ fn of_visits<'a>(
     columns
 }
 
-impl Visits<'_> {
+impl InOrder<'_> {
     /// The errors that points of one visit share; `None` if none are significant and large.
     pub fn shared_errors(&self) -> Option<SharedErrors> {
-        let several = visits(self.clusters).into_iter().filter(|v| v.len() > 1);
+        let several = visits(&self.clusters).into_iter().filter(|v| v.len() > 1);
         let several: Vec<Vec<usize>> = several.collect();
         let every = several.len().div_ceil(MAX_VISITS).max(1);
         let thinned = |visit: Vec<usize>| -> Vec<usize> {
@@ -92,9 +72,9 @@ impl Visits<'_> {
         if points.is_empty() || !self.watch.goes_on() {
             return None;
         }
-        let linear = self.linear.of(&points);
-        let rows: Vec<usize> = points.iter().flat_map(|i| 3 * i..3 * i + 3).collect();
-        let features = self.features.select_rows(&rows);
+        let Self {
+            linear, features, ..
+        } = self.of(&points);
         let misfit = misfit_ratio(&linear.residuals, &linear.basis, &features);
         let whitener = Whitener::new(&features, misfit)?;
         let q = whitener.whitened(&linear.basis).qr().q();

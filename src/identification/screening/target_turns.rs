@@ -10,12 +10,14 @@
 use crate::identification::least_squares::hand_eye::{
     base_and_target_rotation, robustly, target_rotation,
 };
-use crate::identification::screening::row_order::{design_effect, holds_in_random_orders};
+use crate::identification::screening::row_order::{
+    by_configuration, design_effect, holds_in_random_orders,
+};
 use crate::identification::statistics::distributions::f_tail;
 use crate::kinematics::rotation::rotation_log;
+use crate::solvers::median::median;
 use crate::solvers::watch::Watch;
 use nalgebra::{DMatrix, DVector, Rotation3, Vector3};
-use std::collections::BTreeMap;
 
 /// Probability of reporting a twist if there is none, over all places.
 const FALSE_ALARMS: f64 = 0.002;
@@ -52,9 +54,7 @@ pub fn target_turn(
         .iter()
         .map(|(flange, measured)| rotation_log(&((base * flange * target).inverse() * measured)))
         .collect();
-    let mut lengths: Vec<f64> = vectors.iter().map(Vector3::norm).collect();
-    lengths.sort_by(f64::total_cmp);
-    let longest = MAX_TO_MEDIAN * lengths.get(lengths.len() / 2)?;
+    let longest = MAX_TO_MEDIAN * median(vectors.iter().map(Vector3::norm))?;
     for vector in &mut vectors {
         *vector = vector.cap_magnitude(longest);
     }
@@ -89,13 +89,9 @@ pub fn target_turn(
     {
         return None;
     }
-    let mut blocks: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-    for (place, configuration) in configurations.iter().enumerate() {
-        blocks.entry(*configuration).or_default().push(place);
-    }
     let is_smaller =
         |order: &[usize]| largest_gain(&vectors, order).is_none_or(|(_, other)| other < gain);
-    if !holds_in_random_orders(blocks.into_values().collect(), watch, is_smaller) {
+    if !holds_in_random_orders(by_configuration(configurations), watch, is_smaller) {
         return None;
     }
     let turn_rad = turn_rad(pairs, first)?;

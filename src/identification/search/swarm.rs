@@ -297,12 +297,12 @@ impl SearchSpace {
         } else {
             combine_coordinates(self.directions().as_slice(), positions, first, deviations);
         }
-        for limit in &self.prior_rows().limits {
-            let of_parameter = &mut deviations[limit.parameter];
+        for prior in &self.prior_rows().all {
+            let of_parameter = &mut deviations[prior.parameter];
             of_parameter
                 .0
                 .iter_mut()
-                .for_each(|deviation| *deviation = limit.within(*deviation));
+                .for_each(|deviation| *deviation = prior.within(*deviation));
         }
     }
 }
@@ -383,7 +383,7 @@ pub fn run_bounded_swarm(
     };
     let mut cost = SwarmCost::bounded(space, observations, bound).on_threads(n_cores());
     let mut of_swarm = |positions: &Positions, costs: &mut [f64]| {
-        if space.prior_rows().rows.is_empty() {
+        if space.prior_rows().all.is_empty() {
             return cost.evaluate_below(positions, costs);
         }
         // the bounds are for F with the priors, so an early exit by F alone would not be exact

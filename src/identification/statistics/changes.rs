@@ -7,68 +7,20 @@
 //! significant, by forward selection: first the one that explains most, then the one that explains most of the rest, until the rest is not
 //! significant.
 
-pub use crate::identification::statistics::difference::{Causes, Change, FALSE_ALARMS, causes};
+pub use crate::identification::statistics::difference::{Change, FALSE_ALARMS};
+pub use crate::identification::statistics::estimate::Estimate;
 
-use crate::identification::KinematicModel;
-use crate::identification::least_squares::evidence::Noise;
 use crate::identification::least_squares::problem::variable;
 use crate::identification::model::parameters::{Parameter, Quantity, deviation_from};
-use crate::identification::statistics::corrected_errors::CorrectedErrors;
 use crate::identification::statistics::difference::{
-    Common, Whitened, named_by_selection, named_each, tail,
+    Whitened, named_by_selection, named_each, tail,
 };
 use crate::identification::statistics::uncertainty::Uncertainty;
-use nalgebra::{DMatrix, Rotation3, Vector3};
+use nalgebra::DMatrix;
 
 /// Changes below this share of [`usual_error`] do not count, however exact the data are: sessions are compared along derivatives, which are not
 /// exact.
 const RESOLUTION: f64 = 1e-3;
-
-/// The estimate of one session.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Estimate {
-    /// The free parameters.
-    pub parameters: Vec<Parameter>,
-    /// The identified model.
-    pub model: KinematicModel,
-    /// Its uncertainty.
-    pub uncertainty: Uncertainty,
-    /// Errors of the robot with corrections, if some were kept and their errors are known.
-    pub corrected: Option<CorrectedErrors>,
-    /// Noise of the session about the model.
-    pub noise: Noise,
-}
-
-impl Estimate {
-    /// The same estimate with the numbers of two targets exchanged. A number that has no target gets one.
-    fn with_exchanged_targets(&self, a: usize, b: usize) -> Self {
-        let mut estimate = self.clone();
-        let model = &mut estimate.model;
-        let n_targets = model.targets_mm.len().max(a + 1).max(b + 1);
-        model.targets_mm.resize(n_targets, Vector3::zeros());
-        model.targets_mm.swap(a, b);
-        if !model.target_rotations.is_empty() {
-            model
-                .target_rotations
-                .resize(n_targets, Rotation3::identity());
-            model.target_rotations.swap(a, b);
-        }
-        let exchanged = |target: usize| match target {
-            _ if target == a => b,
-            _ if target == b => a,
-            _ => target,
-        };
-        for parameter in &mut estimate.parameters {
-            match parameter {
-                Parameter::Target(target, _) | Parameter::TargetRotation(target, _) => {
-                    *target = exchanged(*target);
-                }
-                _ => {}
-            }
-        }
-        estimate
-    }
-}
 
 /// One joint test, and the changes if it is significant.
 #[derive(Clone, Debug, PartialEq)]
@@ -149,6 +101,13 @@ pub fn compare_target(
     tested(before, &after, &of_target, named_each)
 }
 
+/// A parameter that both sessions identify, with its index in each.
+struct Common {
+    parameter: Parameter,
+    before: usize,
+    after: usize,
+}
+
 fn common(
     before: &Estimate,
     after: &Estimate,
@@ -171,7 +130,7 @@ fn common(
 }
 
 /// Names what changed, from the whitened difference.
-type Naming = fn(&[Common], &Whitened) -> Vec<Change>;
+type Naming = fn(&Whitened) -> Vec<Change>;
 
 fn tested(
     before: &Estimate,
@@ -187,7 +146,7 @@ fn tested(
     let chi_square = whitened.difference.norm_squared();
     let probability = tail(chi_square, n_combinations, whitened.freedom);
     let changes = if probability < FALSE_ALARMS {
-        naming(common, &whitened)
+        naming(&whitened)
     } else {
         vec![]
     };
@@ -256,6 +215,7 @@ fn whitened(before: &Estimate, after: &Estimate, common: &[Common]) -> Option<Wh
         .sum();
     Some(Whitened {
         difference: whiten(&difference)?.column(0).into(),
+        parameters: common.iter().map(|c| c.parameter).collect(),
         effects: whiten(&effects)?,
         n_combinations,
         scale,

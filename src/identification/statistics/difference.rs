@@ -37,24 +37,33 @@ impl Change {
     }
 }
 
-/// A parameter that both sessions identify, with its index in each.
-pub(super) struct Common {
-    pub(super) parameter: Parameter,
-    pub(super) before: usize,
-    pub(super) after: usize,
+/// A difference between what was expected and what was seen, whitened to noise of unit variance in every row.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Whitened {
+    /// The difference.
+    pub difference: DVector<f64>,
+    /// Parameters whose changes may explain it.
+    pub parameters: Vec<Parameter>,
+    /// Effects on the rows of a change of each parameter by its scale.
+    pub effects: DMatrix<f64>,
+    /// Standard deviation of each parameter of new robots, mm or rad.
+    pub scale: Vec<f64>,
+    /// Number of combinations that are determined.
+    pub n_combinations: usize,
+    /// Degrees of freedom of the variance that was used for whitening.
+    pub freedom: f64,
 }
 
-/// The difference, whitened to noise of unit variance in every row.
-pub(super) struct Whitened {
-    pub(super) difference: DVector<f64>,
-    /// Effects of a change of each common parameter by its scale.
-    pub(super) effects: DMatrix<f64>,
-    /// Number of combinations that are determined.
-    pub(super) n_combinations: usize,
-    /// Standard deviation of each common parameter of new robots, mm or rad.
-    pub(super) scale: Vec<f64>,
-    /// Degrees of freedom of the estimated variance.
-    pub(super) freedom: f64,
+impl Whitened {
+    /// The same difference with only some of the parameters.
+    pub fn with_parameters(&self, chosen: &[usize]) -> Self {
+        Self {
+            parameters: chosen.iter().map(|k| self.parameters[*k]).collect(),
+            effects: self.effects.select_columns(chosen),
+            scale: chosen.iter().map(|k| self.scale[*k]).collect(),
+            ..self.clone()
+        }
+    }
 }
 
 /// Probability that chance alone gives at least this chi-square of `n` combinations.
@@ -63,7 +72,7 @@ pub(super) fn tail(chi_square: f64, n: usize, freedom: f64) -> f64 {
 }
 
 /// Forward selection until the rest is not significant.
-pub(super) fn named_by_selection(common: &[Common], whitened: &Whitened) -> Vec<Change> {
+pub(super) fn named_by_selection(whitened: &Whitened) -> Vec<Change> {
     let n = whitened.n_combinations;
     let mut chosen: Vec<usize> = Vec::new();
     let (mut rest, mut apart) = (whitened.difference.clone(), whitened.effects.clone());
@@ -78,8 +87,8 @@ pub(super) fn named_by_selection(common: &[Common], whitened: &Whitened) -> Vec<
                 (apart.column(*j).dot(&rest) / length).abs()
             }
         };
-        let Some(best) =
-            (0..common.len()).max_by(|i, j| explained(i).total_cmp(&explained(j)).then(j.cmp(i)))
+        let Some(best) = (0..whitened.parameters.len())
+            .max_by(|i, j| explained(i).total_cmp(&explained(j)).then(j.cmp(i)))
         else {
             break;
         };
@@ -92,7 +101,7 @@ pub(super) fn named_by_selection(common: &[Common], whitened: &Whitened) -> Vec<
         apart -= &direction * (direction.transpose() * &apart);
         chosen.push(best);
     }
-    together(common, whitened, &without_superfluous(whitened, chosen))
+    together(whitened, &without_superfluous(whitened, chosen))
 }
 
 /// Removes parameters that later choices have made superfluous, the least important first, as long as the rest stays insignificant.
@@ -130,7 +139,7 @@ fn left_over(whitened: &Whitened, chosen: &[usize]) -> DVector<f64> {
 }
 
 /// Fits the chosen parameters together to the whitened difference. The most significant change comes first.
-fn together(common: &[Common], whitened: &Whitened, chosen: &[usize]) -> Vec<Change> {
+fn together(whitened: &Whitened, chosen: &[usize]) -> Vec<Change> {
     if chosen.is_empty() {
         return vec![];
     }
@@ -145,7 +154,7 @@ fn together(common: &[Common], whitened: &Whitened, chosen: &[usize]) -> Vec<Cha
     let change = |(k, j): (usize, &usize)| Change {
         parameters: alike(whitened, *j)
             .into_iter()
-            .map(|j| common[j].parameter)
+            .map(|j| whitened.parameters[j])
             .collect(),
         delta: fitted[k] * whitened.scale[*j],
         sigmas: fitted[k].abs() / covariance[(k, k)].sqrt(),
@@ -215,46 +224,28 @@ pub struct Causes {
     pub leaves: f64,
 }
 
-/// Names the causes of a whitened difference of unit variance. `effects` has a column for each parameter: the effect on every row of a change by its
-/// `scale` (mm or rad). `freedom` is the degrees of freedom of the variance that was used for whitening.
-pub fn causes(
-    parameters: &[Parameter],
-    (difference, effects): (&DVector<f64>, &DMatrix<f64>),
-    (scale, n_combinations, freedom): (&[f64], usize, f64),
-) -> Causes {
-    let common: Vec<Common> = parameters
-        .iter()
-        .enumerate()
-        .map(|(k, parameter)| Common {
-            parameter: *parameter,
-            before: k,
-            after: k,
-        })
-        .collect();
-    let whitened = Whitened {
-        difference: difference.clone(),
-        effects: effects.clone(),
-        n_combinations,
-        scale: scale.to_vec(),
-        freedom,
+/// Names the causes of a whitened difference.
+pub fn causes(whitened: &Whitened) -> Causes {
+    let changes = named_by_selection(whitened);
+    let place = |change: &Change| {
+        let mut parameters = whitened.parameters.iter();
+        parameters.position(|p| *p == change.parameters[0])
     };
-    let changes = named_by_selection(&common, &whitened);
-    let place = |change: &Change| parameters.iter().position(|p| *p == change.parameters[0]);
     let named: Vec<usize> = changes.iter().filter_map(place).collect();
-    let rest = left_over(&whitened, &named);
-    let n_left = n_combinations.saturating_sub(named.len());
-    let leaves = match n_left {
+    let rest = left_over(whitened, &named);
+    let leaves = match whitened.n_combinations.saturating_sub(named.len()) {
         0 => 1.0,
-        n => tail(rest.norm_squared(), n, freedom),
+        n => tail(rest.norm_squared(), n, whitened.freedom),
     };
     Causes { changes, leaves }
 }
 
 /// Tests every parameter separately, with a level that accounts for the number of tests.
-pub(super) fn named_each(common: &[Common], whitened: &Whitened) -> Vec<Change> {
-    let stands_out = t_half_width(1.0 - FALSE_ALARMS / common.len() as f64, whitened.freedom);
-    let all: Vec<usize> = (0..common.len()).collect();
-    together(common, whitened, &all)
+pub(super) fn named_each(whitened: &Whitened) -> Vec<Change> {
+    let n = whitened.parameters.len();
+    let stands_out = t_half_width(1.0 - FALSE_ALARMS / n as f64, whitened.freedom);
+    let all: Vec<usize> = (0..n).collect();
+    together(whitened, &all)
         .into_iter()
         .filter(|change| change.sigmas > stands_out)
         .collect()

@@ -9,9 +9,9 @@
 use crate::identification::KinematicModel;
 use crate::identification::model::objective::{Observation, weighted_jacobian};
 use crate::identification::model::parameters::{Parameter, Quantity, placement_parameters};
-use crate::identification::statistics::quick_check::span;
+use crate::identification::statistics::workspace::random_in;
+use crate::solvers::orthonormal::span;
 use nalgebra::{DMatrix, Vector3};
-use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_3};
 
 /// A zero is hidden if the session shows less than this share of what it does over the region: the tool is then off by more than five times what the
@@ -54,16 +54,8 @@ pub fn hidden_zeros(placed: &KinematicModel, stations: &[Vec<&Observation>]) -> 
     let ranges: Vec<(f64, f64)> = (0..first.q_rad.len())
         .map(|joint| range(&session, joint))
         .collect();
-    let mut random = ChaCha8Rng::seed_from_u64(SEED);
-    let mut configuration = || -> Vec<f64> {
-        let joints = ranges.iter();
-        joints
-            .map(|(low, high)| low + (high - low) * random.random::<f64>())
-            .collect()
-    };
     let mut region = Vec::new();
-    for _ in 0..N_CONFIGURATIONS {
-        let q_rad = configuration();
+    for q_rad in random_in(&ranges, N_CONFIGURATIONS, SEED) {
         region.extend((0..placed.targets_mm.len()).map(|target| Observation {
             q_rad: q_rad.clone(),
             target,
@@ -119,7 +111,7 @@ fn left(model: &KinematicModel, stations: &[Vec<Observation>]) -> Option<Vec<(f6
             weighted_jacobian(model, parameters, points, &Vector3::zeros())
         };
         let whole = jacobian(&zeros);
-        let taken = span(&jacobian(&placement)).ok()?;
+        let taken = span(&jacobian(&placement))?;
         let left: DMatrix<f64> = &whole - &taken * taken.tr_mul(&whole);
         for (joint, sum) in squares.iter_mut().enumerate() {
             sum.0 += left.column(joint).norm_squared();

@@ -1,12 +1,11 @@
 //! How sure the identified robot is, and whether two sessions show the same robot.
 
 pub mod changes;
-pub mod corrected_errors;
 mod difference;
 pub mod distributions;
+pub mod estimate;
 pub mod hidden_zeros;
 pub mod misfit;
-pub mod predictions;
 pub mod quick_check;
 pub mod uncertainty;
 mod uncertainty_problem;

@@ -20,10 +20,12 @@ use crate::identification::model::objective::{
 use crate::identification::model::parameters::{
     Parameter, Quantity, placement_parameters, target_rotation_parameters,
 };
-use crate::identification::statistics::changes::{
-    Causes, Estimate, FALSE_ALARMS, causes, usual_error,
-};
+use crate::identification::statistics::changes::{FALSE_ALARMS, usual_error};
+pub use crate::identification::statistics::difference::Causes;
+use crate::identification::statistics::difference::{Whitened, causes};
 use crate::identification::statistics::distributions::{f_tail, noncentrality};
+use crate::identification::statistics::estimate::Estimate;
+use crate::solvers::orthonormal::span;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 /// Significance level: share of unchanged robots that the test calls changed.
@@ -34,8 +36,6 @@ pub const POWER: f64 = 0.95;
 const MIN_NOISE_PER_REACH: f64 = 1e-5;
 /// A configuration with more than this share of the statistic stands out: a broken beam may be the cause.
 const OUTSTANDING_SHARE: f64 = 0.5;
-/// Directions of the placement with singular values below this share of the largest are not determined by the points.
-const SINGULAR_SHARE: f64 = 1e-9;
 /// Minimum share of an effect that the placement must leave; less is rounding. For causes it is a share of the largest effect of a usual error.
 const MIN_VISIBLE_SHARE: f64 = 1e-6;
 /// Largest detectable rotation of a zero, rad. If more would be needed, the reflector hardly leaves the joint's axis, and the linearisation does not
@@ -98,15 +98,6 @@ pub struct Checked {
     whitened: Whitened,
 }
 
-#[derive(Clone, Debug, PartialEq)]
-struct Whitened {
-    difference: DVector<f64>,
-    /// Possible causes, the effect of each on the rows, and its usual size, mm or rad.
-    parameters: Vec<Parameter>,
-    effects: DMatrix<f64>,
-    scale: Vec<f64>,
-}
-
 /// Why there is no test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Untestable {
@@ -143,7 +134,7 @@ pub fn quick_check(poses: &Poses<'_>) -> Result<Checked, Untestable> {
     placement.extend(target_rotation_parameters(&posed_targets(observations)));
     let placed = whiten(jacobian(poses, &placement))?;
     let taken = match poses.is_placed_anew {
-        true => span(&placed)?,
+        true => span(&placed).ok_or(Untestable::Singular)?,
         false => DMatrix::zeros(3 * observations.len(), 0),
     };
     let left = |m: &DMatrix<f64>| m - &taken * taken.tr_mul(m);
@@ -195,6 +186,8 @@ pub fn quick_check(poses: &Poses<'_>) -> Result<Checked, Untestable> {
             parameters,
             effects,
             scale,
+            n_combinations,
+            freedom,
         },
     })
 }
@@ -210,13 +203,7 @@ impl Checked {
         let chosen: Vec<usize> = (0..all.parameters.len())
             .filter(|k| belongs(&all.parameters[*k]) && is_seen(*k))
             .collect();
-        let parameters: Vec<Parameter> = chosen.iter().map(|k| all.parameters[*k]).collect();
-        let scale: Vec<f64> = chosen.iter().map(|k| all.scale[*k]).collect();
-        causes(
-            &parameters,
-            (&all.difference, &all.effects.select_columns(&chosen)),
-            (&scale, self.n_combinations, self.freedom),
-        )
+        causes(&all.with_parameters(&chosen))
     }
 }
 
@@ -303,26 +290,6 @@ fn covariance_mm2(poses: &Poses<'_>) -> DMatrix<f64> {
         }
     }
     covariance
-}
-
-/// Orthonormal columns that span the effects of the placement on the points.
-pub(super) fn span(placed: &DMatrix<f64>) -> Result<DMatrix<f64>, Untestable> {
-    let mut scaled = placed.clone();
-    for mut column in scaled.column_iter_mut() {
-        let norm = column.norm();
-        if norm > 0.0 {
-            column /= norm;
-        }
-    }
-    let svd = scaled
-        .try_svd(true, false, f64::EPSILON, SVD_ITERATIONS)
-        .ok_or(Untestable::Singular)?;
-    let u = svd.u.ok_or(Untestable::Singular)?;
-    let largest = svd.singular_values.max();
-    let kept: Vec<usize> = (0..svd.singular_values.len())
-        .filter(|k| svd.singular_values[*k] > SINGULAR_SHARE * largest)
-        .collect();
-    Ok(u.select_columns(&kept))
 }
 
 /// The change in the least visible direction that shifts the rows by `shift`. `raw` is the effect of a unit of each parameter on the points, mm;

@@ -156,6 +156,14 @@ pub struct RandomEffect {
 }
 
 impl RandomEffect {
+    /// The ratio, but 0 if it is not significant at the 5 % level.
+    pub fn kept_ratio(&self) -> f64 {
+        match self.likelier > KEPT_ABOVE * KEPT_ABOVE {
+            true => self.ratio,
+            false => 0.0,
+        }
+    }
+
     /// Probability that noise alone looks as much like the effect. A variance is at its bound without an effect [Self & Liang 1987].
     pub fn by_chance(&self) -> f64 {
         0.5 * chi_square_tail(self.likelier, 1.0)
@@ -175,17 +183,4 @@ pub fn random_effect(
         likelier: (spectrum.deviance(0.0) - spectrum.deviance(ratio)).max(0.0),
         noise_variance: spectrum.noise_variance(ratio),
     })
-}
-
-/// As [`misfit_ratio`], but 0 if it is not significant at the 5 % level. Also returns 2·log of the likelihood ratio.
-pub fn kept_ratio(
-    residuals: &DVector<f64>,
-    basis: &DMatrix<f64>,
-    features: &DMatrix<f64>,
-) -> Option<(f64, f64)> {
-    let RandomEffect {
-        ratio, likelier, ..
-    } = random_effect(residuals, basis, features)?;
-    let is_kept = likelier > KEPT_ABOVE * KEPT_ABOVE;
-    Some((if is_kept { ratio } else { 0.0 }, likelier))
 }

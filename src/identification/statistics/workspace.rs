@@ -19,8 +19,8 @@ pub struct ToolUncertainty {
     pub max_mm: f64,
 }
 
-/// The tool's uncertainty at random configurations of the workspace. `std_mm` has the standard deviation of a target's position, mm. A joint's range is its limits, if they are known. Otherwise it is the measured
-/// range, extended to at least a quarter turn to both sides of its middle. The target with the largest uncertainty counts.
+/// The tool's uncertainty at random configurations of the workspace. `std_mm` has the standard deviation of a target's position, mm. A joint's range is
+/// its limits, if they are known. Otherwise it is the measured range, extended to at least a quarter turn to both sides of its middle. The target with the largest uncertainty counts.
 pub fn tool_uncertainty(
     robot: &Robot,
     observations: &[Observation],
@@ -30,13 +30,8 @@ pub fn tool_uncertainty(
     let ranges: Vec<(f64, f64)> = (0..robot.links.len())
         .map(|joint| range(robot, observations, joint))
         .collect();
-    let mut random = ChaCha8Rng::seed_from_u64(SEED);
     let (mut sum, mut max_mm) = (0.0, 0.0f64);
-    for _ in 0..N_CONFIGURATIONS {
-        let q_rad: Vec<f64> = ranges
-            .iter()
-            .map(|(low, high)| low + (high - low) * random.random::<f64>())
-            .collect();
+    for q_rad in random_in(&ranges, N_CONFIGURATIONS, SEED) {
         let of_targets = (0..n_targets).map(|target| std_mm(&q_rad, target));
         let largest_mm = of_targets.fold(0.0, f64::max);
         sum += largest_mm;
@@ -51,19 +46,20 @@ pub fn tool_uncertainty(
 /// Random configurations within the joint limits, rad, in the controller's convention. Without a limit, the range is a quarter turn to both sides of
 /// 0. A range is at most one turn.
 pub fn random_configurations(robot: &Robot, n: usize, seed: u64) -> Vec<Vec<f64>> {
-    let mut random = ChaCha8Rng::seed_from_u64(seed);
     let ranges: Vec<(f64, f64)> = robot
         .joint_limits_rad
         .iter()
         .map(|limits| limits.map_or((-FRAC_PI_2, FRAC_PI_2), within_a_turn))
         .collect();
+    random_in(&ranges, n, seed)
+}
+
+/// Random configurations in ranges of the joints, rad.
+pub fn random_in(ranges: &[(f64, f64)], n: usize, seed: u64) -> Vec<Vec<f64>> {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut value = |(low, high): &(f64, f64)| low + (high - low) * random.random::<f64>();
     (0..n)
-        .map(|_| {
-            ranges
-                .iter()
-                .map(|(low, high)| low + (high - low) * random.random::<f64>())
-                .collect()
-        })
+        .map(|_| ranges.iter().map(&mut value).collect())
         .collect()
 }
 

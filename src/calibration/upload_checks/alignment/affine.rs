@@ -1,6 +1,7 @@
 //! Distances of predicted points from measured ones before base and target are fitted: scatter, and the part that no affine map explains.
 
-use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use crate::solvers::orthonormal::span;
+use nalgebra::{DMatrix, Matrix3, Vector3};
 
 /// With a known base, one of this many compared points is left out, because it may be a gross row.
 const LEFT_OUT: usize = 5;
@@ -25,39 +26,16 @@ pub(super) fn scatter_mm2(points: &[Vector3<f64>]) -> f64 {
     kept.iter().map(|(_, p)| (*p - centre).norm_squared()).sum()
 }
 
-/// Orthonormal basis, in rows, of the space orthogonal to the measured coordinates and to a constant. Projecting data onto it leaves the remainder
-/// after the best affine function of the measured positions is subtracted.
+/// Projector onto the space orthogonal to the measured coordinates and to a constant: it leaves the remainder of data after the best affine function of
+/// the measured positions is subtracted.
 pub(super) fn beyond_affine(positions: &[Vector3<f64>]) -> DMatrix<f64> {
     let n = positions.len();
-    let columns = DMatrix::from_fn(n, 4, |row, column| {
-        if column == 3 {
-            1.0
-        } else {
-            positions[row][column]
-        }
+    let columns = DMatrix::from_fn(n, 4, |row, column| match column {
+        3 => 1.0,
+        axis => positions[row][axis],
     });
-    let mut basis: Vec<DVector<f64>> = Vec::new();
-    let seeds = columns.column_iter().map(|c| c.into_owned()).rev();
-    let units = (0..n).map(|i| DVector::from_fn(n, |row, _| if row == i { 1.0 } else { 0.0 }));
-    let mut n_affine = 0;
-    for (i, seed) in seeds.chain(units).enumerate() {
-        let length = seed.norm();
-        let mut rest = seed;
-        // orthogonalising twice is enough [Giraud 2005]
-        for _ in 0..2 {
-            for known in &basis {
-                let along = known.dot(&rest);
-                rest.axpy(-along, known, 1.0);
-            }
-        }
-        let left = rest.norm();
-        if left > ROUNDING_SHARE * length && basis.len() < n {
-            basis.push(rest / left);
-            n_affine += usize::from(i < 4);
-        }
-    }
-    let rows: Vec<_> = basis[n_affine..].iter().map(|v| v.transpose()).collect();
-    DMatrix::from_rows(&rows)
+    let all = DMatrix::identity(n, n);
+    span(&columns).map_or(all.clone(), |affine| all - &affine * affine.transpose())
 }
 
 /// Σ |t + R·x − affine image of the measured positions|², minimised over the target x and the affine map, mm². The right base is such a map. A wrong

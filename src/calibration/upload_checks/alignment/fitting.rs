@@ -13,6 +13,7 @@ use crate::identification::search::fit::fit_least_squares;
 use crate::kinematics::rotation::within_half_a_turn;
 use crate::kinematics::{self, Link, t_base_flange};
 use crate::measurement::Frame;
+use crate::solvers::median::median;
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use std::f64::consts::PI;
@@ -154,7 +155,7 @@ fn with_median_targets(links: &[Link], observations: &[Observation]) -> Kinemati
     let mut model = KinematicModel::nominal(links, n_targets(observations));
     for (target, position_mm) in model.targets_mm.iter_mut().enumerate() {
         let of_target = observations.iter().filter(|o| o.target == target);
-        *position_mm = median(&of_target.map(in_flange).collect::<Vec<_>>());
+        *position_mm = middle(&of_target.map(in_flange).collect::<Vec<_>>());
     }
     model
 }
@@ -217,12 +218,8 @@ fn starts(links: &[Link], observations: &[Observation], frame: Frame) -> Vec<Kin
 }
 
 /// Median along each axis.
-fn median(vectors: &[Vector3<f64>]) -> Vector3<f64> {
-    Vector3::from_fn(|axis, _| {
-        let mut values: Vec<f64> = vectors.iter().map(|v| v[axis]).collect();
-        values.sort_by(f64::total_cmp);
-        values[values.len() / 2]
-    })
+fn middle(vectors: &[Vector3<f64>]) -> Vector3<f64> {
+    Vector3::from_fn(|axis, _| median(vectors.iter().map(|v| v[axis])).unwrap_or(0.0))
 }
 
 fn best(fits: impl Iterator<Item = Fitted>) -> Option<Fitted> {

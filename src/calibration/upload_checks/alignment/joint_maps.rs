@@ -297,7 +297,7 @@ struct Search<'a> {
     /// Transform from each link's frame to the next one, before its joint turns.
     fixed: Vec<LinkFrame>,
     positions: Vec<Vector3<f64>>,
-    /// Basis of what no affine image of the measured positions explains.
+    /// Projector onto what no affine image of the measured positions explains.
     beyond_affine: DMatrix<f64>,
     tried: Vec<Tried>,
 }
@@ -335,13 +335,8 @@ impl<'a> Search<'a> {
     }
 
     fn run(&mut self) {
-        match self.frame {
-            Frame::Base => self.towards_flange(0, &self.positions.clone(), Path::default(), 0),
-            Frame::Instrument => {
-                let base = vec![(Matrix3::identity(), Vector3::zeros()); self.positions.len()];
-                self.outwards_from_base(0, &base, Path::default(), 0);
-            }
-        }
+        let base = vec![(Matrix3::identity(), Vector3::zeros()); self.positions.len()];
+        self.outwards(0, &base, Path::default(), 0);
     }
 
     /// Number of quarter turns to try. Two zeros are not observable: the last joint's is a rotation of the target, and the first joint's is a
@@ -355,49 +350,10 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// With a known base: transforms the measured points into the frame of each link in turn. In the flange's frame they are one point if the
-    /// convention is right.
-    fn towards_flange(
-        &mut self,
-        joint: usize,
-        points: &[Vector3<f64>],
-        path: Path,
-        n_turned: usize,
-    ) {
+    /// Computes the frame of each link in turn, in the base's frame.
+    fn outwards(&mut self, joint: usize, frames: &[LinkFrame], path: Path, n_turned: usize) {
         let Some((rotation, shift)) = self.fixed.get(joint).copied() else {
-            let cost_mm2 = scatter_mm2(points);
-            self.tried.push(Tried { cost_mm2, path });
-            return;
-        };
-        let d_mm = self.links[joint].d_mm;
-        let before: Vec<Vector3<f64>> = points
-            .iter()
-            .map(|p| rotation.tr_mul(&(p - shift)))
-            .collect();
-        for turning in 0..self.turnings[joint].len() {
-            for turns in 0..self.n_quarter_turns(joint, n_turned) {
-                let in_link = |(p, sine_cosine): (&Vector3<f64>, &(f64, f64))| {
-                    let (s, c) = turned(*sine_cosine, turns);
-                    Vector3::new(c * p.x + s * p.y, c * p.y - s * p.x, p.z - d_mm)
-                };
-                let angles = &self.turnings[joint][turning].sine_cosine;
-                let after: Vec<Vector3<f64>> = before.iter().zip(angles).map(in_link).collect();
-                let path = path.with(joint, turning, turns);
-                self.towards_flange(joint + 1, &after, path, n_turned + usize::from(turns > 0));
-            }
-        }
-    }
-
-    /// With a free base: computes the frame of each link in turn, in the base's frame.
-    fn outwards_from_base(
-        &mut self,
-        joint: usize,
-        frames: &[LinkFrame],
-        path: Path,
-        n_turned: usize,
-    ) {
-        let Some((rotation, shift)) = self.fixed.get(joint).copied() else {
-            let cost_mm2 = affine_cost_mm2(&self.beyond_affine, frames);
+            let cost_mm2 = self.cost_mm2(frames);
             self.tried.push(Tried { cost_mm2, path });
             return;
         };
@@ -418,8 +374,22 @@ impl<'a> Search<'a> {
                 let angles = &self.turnings[joint][turning].sine_cosine;
                 let after: Vec<_> = before.iter().zip(angles).map(of_link).collect();
                 let path = path.with(joint, turning, turns);
-                self.outwards_from_base(joint + 1, &after, path, n_turned + usize::from(turns > 0));
+                self.outwards(joint + 1, &after, path, n_turned + usize::from(turns > 0));
             }
+        }
+    }
+
+    /// How badly flanges in the base's frame fit the measured points. With a known base, the points are one point in the flange's frame if the convention
+    /// is right.
+    fn cost_mm2(&self, flanges: &[LinkFrame]) -> f64 {
+        match self.frame {
+            Frame::Base => {
+                let measured = flanges.iter().zip(&self.positions);
+                let in_flange: Vec<Vector3<f64>> =
+                    measured.map(|((r, t), p)| r.tr_mul(&(p - t))).collect();
+                scatter_mm2(&in_flange)
+            }
+            Frame::Instrument => affine_cost_mm2(&self.beyond_affine, flanges),
         }
     }
 

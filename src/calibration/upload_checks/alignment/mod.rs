@@ -8,7 +8,6 @@ mod explanation;
 mod fitting;
 mod hypotheses;
 mod joint_maps;
-mod supposed;
 mod suspect;
 mod texts;
 
@@ -23,8 +22,7 @@ use crate::measurement::{Frame, MeasurementSet, Point};
 use explanation::{observations, of_one_station};
 use fitting::{Zeroed, placed, placed_thoroughly, quickly_placed, reach_mm, with_free_zeros};
 use nalgebra::{Matrix3, Rotation3, Vector3};
-use supposed::What;
-use suspect::Suspect;
+use suspect::{Suspect, What};
 
 /// Whether the nominal robot fits an uploaded set, with the best placement of base and target.
 #[derive(Clone, Debug, PartialEq)]

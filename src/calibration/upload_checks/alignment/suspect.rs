@@ -9,7 +9,6 @@ use super::fitting::{
 };
 use super::hypotheses::{Hypothesis, hypotheses};
 use super::joint_maps;
-use super::supposed::{Supposed, What};
 use super::texts::{in_words, mm, offsets};
 use crate::identification::model::objective::Observation;
 use crate::kinematics::Robot;
@@ -28,6 +27,64 @@ const SMALL_JOINT_RANGE_RAD: f64 = 0.349;
 const MAX_JOINTS: usize = 7;
 /// Minimum number of distinct poses for telling that other signs fit as well.
 const MIN_FOR_SIGNS: usize = 12;
+/// A possible cause, and how well the robot then fits.
+pub struct Supposed {
+    pub what: What,
+    pub rms_mm: f64,
+    /// Another cause that looks the same: a left-handed file, or joints that are counted the other way round.
+    pub or: Option<What>,
+    /// Joint zero errors in addition.
+    pub zeros: Option<Zeroed>,
+}
+
+impl Supposed {
+    fn new(what: What, rms_mm: f64) -> Self {
+        Self {
+            what,
+            rms_mm,
+            or: None,
+            zeros: None,
+        }
+    }
+}
+
+/// A possible cause.
+pub enum What {
+    File(Hypothesis),
+    Joints(Box<Convention>),
+}
+
+impl What {
+    /// True for a file in a left-handed frame.
+    fn is_left_handed(&self) -> bool {
+        matches!(self, Self::File(file) if file.is_left_handed())
+    }
+
+    /// True for a convention with zeros shifted by quarter turns.
+    pub fn is_turned(&self) -> bool {
+        matches!(self, Self::Joints(convention) if convention.is_turned())
+    }
+
+    /// True for a convention whose first zero is shifted by quarter turns, which looks like a turned base frame.
+    pub fn turns_first_joint(&self) -> bool {
+        matches!(self, Self::Joints(convention) if convention.quarter_turns.first().is_some_and(|turns| *turns > 0))
+    }
+
+    /// Order of likelihood: of the causes that fit equally well, the one with the smallest rank is reported. A left-handed frame and a maker's signs
+    /// look the same on most arms, and makers do use these signs. Turned zeros are rarer than exchanged columns.
+    pub fn rank(&self, frame: Frame) -> usize {
+        match self {
+            Self::File(Hypothesis::Units { .. }) => 0,
+            Self::File(Hypothesis::Robot(_)) => 5,
+            Self::File(Hypothesis::PositionColumns(_)) if frame == Frame::Base => 1,
+            Self::File(_) if self.is_left_handed() => 3,
+            Self::File(_) => 1,
+            Self::Joints(_) if frame == Frame::Base && self.is_turned() => 4,
+            Self::Joints(_) => 2,
+        }
+    }
+}
+
 /// A set that the nominal robot does not fit.
 pub(super) struct Suspect<'a> {
     robot: &'a Robot,
@@ -81,13 +138,8 @@ impl<'a> Suspect<'a> {
     fn convention(&self, frame: Frame) -> Option<Supposed> {
         let (convention, fitted) =
             joint_maps::search(&self.robot.links, &self.observations, frame, self.fits_mm)?;
-        Some(Supposed {
-            what: What::Joints(Box::new(convention)),
-            rms_mm: fitted.rms_mm,
-            or: None,
-            or_joints: None,
-            zeros: None,
-        })
+        let what = What::Joints(Box::new(convention));
+        Some(Supposed::new(what, fitted.rms_mm))
     }
 
     /// A convention that fits if joints may also be unmastered.
@@ -95,12 +147,11 @@ impl<'a> Suspect<'a> {
         let links = &self.robot.links;
         let (convention, zeros) =
             joint_maps::search_with_zeros(links, &self.observations, frame, self.fits_mm)?;
+        let what = What::Joints(Box::new(convention));
+        let supposed = Supposed::new(what, zeros.rms_mm);
         Some(Supposed {
-            what: What::Joints(Box::new(convention)),
-            rms_mm: zeros.rms_mm,
-            or: None,
-            or_joints: None,
             zeros: Some(zeros),
+            ..supposed
         })
     }
 
@@ -121,13 +172,7 @@ impl<'a> Suspect<'a> {
         let thoroughly = |(_, hypothesis): (f64, Hypothesis)| {
             let (robot, observations) = self.under(&hypothesis, others);
             let rms_mm = placed(&robot.links, &observations, self.frame)?.rms_mm;
-            Some(Supposed {
-                what: What::File(hypothesis),
-                rms_mm,
-                or: None,
-                or_joints: None,
-                zeros: None,
-            })
+            Some(Supposed::new(What::File(hypothesis), rms_mm))
         };
         let mut all: Vec<Supposed> = quick.into_iter().filter_map(thoroughly).collect();
         all.extend(self.convention(self.frame));
@@ -137,22 +182,14 @@ impl<'a> Suspect<'a> {
             let order = a.what.rank(self.frame).cmp(&b.what.rank(self.frame));
             order.then(a.rms_mm.total_cmp(&b.rms_mm))
         });
-        let left_handed = all.iter().find_map(|supposed| match supposed.what {
-            What::File(file) if file.is_left_handed() => Some(file),
-            _ => None,
-        });
         let mut all = all.into_iter();
         let mut likeliest = all.next()?;
-        match &likeliest.what {
-            What::Joints(_) => likeliest.or = left_handed,
-            What::File(file) if file.is_left_handed() => {
-                likeliest.or_joints = all.find_map(|supposed| match supposed.what {
-                    What::Joints(convention) => Some(convention),
-                    What::File(_) => None,
-                });
-            }
-            What::File(_) => {}
-        }
+        let looks_the_same = |other: &Supposed| match &likeliest.what {
+            What::Joints(_) => other.what.is_left_handed(),
+            what => what.is_left_handed() && matches!(other.what, What::Joints(_)),
+        };
+        let or = all.find(|other| looks_the_same(other));
+        likeliest.or = or.map(|other| other.what);
         Some(likeliest)
     }
 
@@ -187,14 +224,15 @@ impl<'a> Suspect<'a> {
                     }
                     false => "",
                 };
-                let or = supposed.or_joints.as_ref().map_or(alone.to_owned(), |convention| {
-                    format!(
+                let or = match &supposed.or {
+                    Some(What::Joints(convention)) => format!(
                         ". It fits as well if {}: then the robot's joint_map is {}. Look at the controller which of both it is: with the wrong one a \
                          mirrored robot is identified",
                         convention.words(),
                         in_words(&convention.joint_map(self.robot))
-                    )
-                });
+                    ),
+                    _ => alone.to_owned(),
+                };
                 suspicion(
                     hypothesis.code(),
                     hypothesis.columns(),
@@ -209,11 +247,14 @@ impl<'a> Suspect<'a> {
                     format!(" and joint values are off by {off}")
                 });
                 let words = convention.words() + &also;
-                let or = supposed.or.map_or(String::new(), |or| {
-                    let words = match self.frame {
-                        Frame::Base => or.words(&[]),
-                        Frame::Instrument => "the file's frame is left-handed".into(),
-                    };
+                let or_file = match (&supposed.or, self.frame) {
+                    (Some(What::File(file)), Frame::Base) => Some(file.words(&[])),
+                    (Some(What::File(_)), Frame::Instrument) => {
+                        Some("the file's frame is left-handed".into())
+                    }
+                    _ => None,
+                };
+                let or = or_file.map_or(String::new(), |words| {
                     format!(
                         ". It fits as well if {words}: then export in a right-handed frame. Look at the controller which of both it is: with the wrong one a \
                          mirrored robot is identified"

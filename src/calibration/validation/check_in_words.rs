@@ -1,7 +1,7 @@
-//! What to measure after a quick check, in words, with numbers of poses.
+//! A quick check in words: the reason for its verdict, and what to measure next, with numbers of poses.
 
 use crate::calibration::method::{After, CheckVerdict};
-use crate::calibration::quick_check::{DetectableChange, LikeliestCause};
+use crate::calibration::quick_check::{DetectableChange, FEW_CAUSES, LikeliestCause};
 
 /// Four equations per identified number, with three equations per pose. Numbers of poses are multiples of five, and at least ten.
 const EQUATIONS_PER_NUMBER: usize = 4;
@@ -15,12 +15,27 @@ const TARGET: usize = 3;
 /// Number of parameters of a link.
 const LINK: usize = 5;
 
-/// What the text depends on.
+/// Doubt if nothing else stands against the set.
+pub const ZERO_HIDDEN: &str = "the zero of a joint may have changed that these poses do not show";
+
+/// What a check found.
 pub struct Found<'a> {
     /// The verdict.
     pub verdict: CheckVerdict,
     /// What happened to the robot before the check.
     pub after: Option<After>,
+    /// Why there is no test, if there is none.
+    pub tested: Result<(), &'a str>,
+    /// Probability that an unchanged robot gives as large errors, if there is a test.
+    pub probability: Option<f64>,
+    /// Why points that fit the set do not prove that it holds.
+    pub doubt: Option<&'static str>,
+    /// True if the points miss the set by far.
+    pub is_far: bool,
+    /// Error of the set on the points, rms, mm.
+    pub rms_mm: f64,
+    /// Its error when it was verified, rms, mm.
+    pub verified_rms_mm: Option<f64>,
     /// Likely causes, the likeliest first.
     pub likeliest: &'a [LikeliestCause],
     /// Changes that matter and that the poses might have missed.
@@ -39,14 +54,68 @@ pub struct Found<'a> {
     pub n_targets: usize,
     /// True if base and targets were placed anew.
     pub is_placed_anew: bool,
-    /// True if the set has a stated uncertainty to test with.
-    pub is_tested: bool,
     /// True if the points repeat an earlier upload.
     pub is_repeat: bool,
     /// True if the set has a base that these points do not show.
     pub is_base_hidden: bool,
-    /// True if the only doubt is a zero that may have changed and that these poses do not show.
-    pub is_zero_hidden: bool,
+}
+
+/// The reason for the verdict.
+pub fn reason(found: &Found<'_>) -> String {
+    let rms_mm = found.rms_mm;
+    let verified = found.verified_rms_mm.map_or(String::new(), |verified| {
+        format!(", {verified:.4} mm when it was verified")
+    });
+    let chance = found.probability.map_or(String::new(), |probability| {
+        format!("; an unchanged robot shows as much with probability {probability:.2e}")
+    });
+    let errors = format!("{rms_mm:.4} mm rms on the points{verified}{chance}");
+    match found.verdict {
+        CheckVerdict::Holds => format!("the released set still holds: {errors}"),
+        CheckVerdict::Changed if found.is_far => {
+            format!(
+                "the released set no longer holds, these points miss it by far: {errors}{}",
+                causes(found.likeliest)
+            )
+        }
+        CheckVerdict::Changed => {
+            format!(
+                "the released set no longer holds: {errors}{}",
+                causes(found.likeliest)
+            )
+        }
+        CheckVerdict::CannotTell => match found.tested {
+            _ if let Some(why) = found.doubt => {
+                format!("it cannot be told whether the released set holds: {why} ({errors})")
+            }
+            Err(why) => {
+                format!("it cannot be told whether the released set holds: {why} ({errors})")
+            }
+            Ok(()) => {
+                let names: Vec<&str> = found.blind.iter().map(|c| c.name.as_str()).collect();
+                format!(
+                    "the points fit the released set, but these poses might have missed a change that matters of {}: {errors}",
+                    names.join(", ")
+                )
+            }
+        },
+    }
+}
+
+fn causes(likeliest: &[LikeliestCause]) -> String {
+    let of = |cause: &LikeliestCause| {
+        let unit = if cause.unit == "deg" { "°" } else { " mm" };
+        format!(
+            "{} by {:.4}{unit} ({:.1} σ)",
+            cause.name, cause.delta, cause.sigmas
+        )
+    };
+    let all: Vec<String> = likeliest.iter().take(FEW_CAUSES).map(of).collect();
+    match all.as_slice() {
+        [] => String::new(),
+        [only] => format!(". Likeliest cause: {only}"),
+        several => format!(". Likeliest causes, together: {}", several.join(", ")),
+    }
 }
 
 /// Number of poses for identifying `n_numbers` parameters. If base and targets are unknown, their parameters have to be included.
@@ -115,7 +184,7 @@ fn cannot_tell(found: &Found<'_>) -> String {
     if found.is_repeat {
         return format!("measure {MIN_POSES} poses now, and check with these");
     }
-    if !found.is_tested {
+    if found.tested.is_err() {
         return format!(
             "{}, and release the result: it has a stated uncertainty, with which later checks can be told",
             full(found)
@@ -134,7 +203,7 @@ fn cannot_tell(found: &Found<'_>) -> String {
             names(joints)
         ),
     };
-    if found.blind.is_empty() && found.is_zero_hidden {
+    if found.blind.is_empty() && found.doubt == Some(ZERO_HIDDEN) {
         return format!(
             "look at the mastering marks of {}; the other joints are where they were",
             names(found.hidden)

@@ -1,0 +1,145 @@
+//! The estimate of one session: the identified robot with its errors, which predictions, later sessions and checks use.
+
+use crate::identification::KinematicModel;
+use crate::identification::corrections::corrected::{CorrectedModel, IdentifiedRobot};
+use crate::identification::corrections::{Term, linearise};
+use crate::identification::least_squares::evidence::Noise;
+use crate::identification::model::objective::Observation;
+use crate::identification::model::parameters::Parameter;
+use crate::identification::statistics::uncertainty::Uncertainty;
+use crate::kinematics::Mounting;
+use nalgebra::{DMatrix, Rotation3, Vector3};
+
+/// The estimate of one session.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Estimate {
+    /// The free parameters.
+    pub parameters: Vec<Parameter>,
+    /// The identified model.
+    pub model: KinematicModel,
+    /// Its uncertainty.
+    pub uncertainty: Uncertainty,
+    /// Errors of the robot with corrections, if some were kept and their errors are known.
+    pub corrected: Option<CorrectedErrors>,
+    /// Noise of the session about the model.
+    pub noise: Noise,
+}
+
+impl Estimate {
+    /// The same estimate with the numbers of two targets exchanged. A number that has no target gets one.
+    pub(super) fn with_exchanged_targets(&self, a: usize, b: usize) -> Self {
+        let mut estimate = self.clone();
+        let model = &mut estimate.model;
+        let n_targets = model.targets_mm.len().max(a + 1).max(b + 1);
+        model.targets_mm.resize(n_targets, Vector3::zeros());
+        model.targets_mm.swap(a, b);
+        if !model.target_rotations.is_empty() {
+            model
+                .target_rotations
+                .resize(n_targets, Rotation3::identity());
+            model.target_rotations.swap(a, b);
+        }
+        let exchanged = |target: usize| match target {
+            _ if target == a => b,
+            _ if target == b => a,
+            _ => target,
+        };
+        for parameter in &mut estimate.parameters {
+            match parameter {
+                Parameter::Target(target, _) | Parameter::TargetRotation(target, _) => {
+                    *target = exchanged(*target);
+                }
+                _ => {}
+            }
+        }
+        estimate
+    }
+
+    /// Standard deviation (3-D: the root of the sum of three variances) of a target position predicted by `robot`, mm.
+    pub fn predicted_std_mm(&self, robot: &IdentifiedRobot, q_rad: &[f64], target: usize) -> f64 {
+        let parameters = &self.parameters;
+        faded(self, robot, q_rad, |with_corrections| {
+            let corrected = self.corrected.as_ref().zip(robot.corrected.as_ref());
+            match corrected.filter(|_| with_corrections) {
+                Some((errors, model)) => errors.position_std_mm(model, parameters, q_rad, target),
+                None => (self.uncertainty).position_std_mm(&self.model, parameters, q_rad, target),
+            }
+        })
+    }
+}
+
+/// The standard deviation at a pose where corrections have the weight of their region, from that with corrections (`std_mm(true)`) and that of the links
+/// alone (`std_mm(false)`). The standard deviation of a weighted mean of two predictions is at most the mean of theirs.
+pub fn faded(
+    estimate: &Estimate,
+    robot: &IdentifiedRobot,
+    q_rad: &[f64],
+    std_mm: impl Fn(bool) -> f64,
+) -> f64 {
+    let weight = match estimate.corrected {
+        Some(_) => robot.weight(q_rad),
+        None => 0.0,
+    };
+    let part = |weight: f64, with_corrections| match weight > 0.0 {
+        true => weight * std_mm(with_corrections),
+        false => 0.0,
+    };
+    part(weight, true) + part(1.0 - weight, false)
+}
+
+/// Errors of links and corrections that were identified together.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CorrectedErrors {
+    /// The terms of the corrections.
+    pub terms: Vec<Term>,
+    /// Gravity as it was known.
+    pub mounting: Mounting,
+    /// Errors of the estimate's parameters, of the terms, and of the features of what both leave.
+    pub uncertainty: Uncertainty,
+}
+
+impl CorrectedErrors {
+    /// Displacement of a target by the terms, mm per unit of each: 3 × t, in the measuring frame.
+    pub fn by_terms_mm(
+        &self,
+        corrected: &CorrectedModel,
+        q_rad: &[f64],
+        target: usize,
+    ) -> DMatrix<f64> {
+        let (_, by_term) = self.derivatives_mm(corrected, &[], (q_rad, target));
+        by_term
+    }
+
+    /// Derivatives of a target's position by parameters and by the terms.
+    fn derivatives_mm(
+        &self,
+        corrected: &CorrectedModel,
+        parameters: &[Parameter],
+        (q_rad, target): (&[f64], usize),
+    ) -> (DMatrix<f64>, DMatrix<f64>) {
+        let here = [Observation::at(q_rad.to_vec(), Vector3::zeros(), target)];
+        let unknowns = (parameters, self.terms.as_slice());
+        let CorrectedModel {
+            model, corrections, ..
+        } = corrected;
+        let (_, by_parameter, by_term) =
+            linearise(model, corrections, &self.mounting, unknowns, &here);
+        (by_parameter, by_term)
+    }
+
+    /// Standard deviation (3-D) of the target position predicted by links and corrections, mm.
+    pub fn position_std_mm(
+        &self,
+        corrected: &CorrectedModel,
+        parameters: &[Parameter],
+        q_rad: &[f64],
+        target: usize,
+    ) -> f64 {
+        let (by_parameter, by_term) = self.derivatives_mm(corrected, parameters, (q_rad, target));
+        let pose = [(q_rad, target, 1.0)].into_iter();
+        let by_feature = self.uncertainty.features.features(&corrected.model, pose);
+        self.uncertainty
+            .displacements_mm([&by_parameter, &by_term, &by_feature])
+            .norm()
+    }
+}
