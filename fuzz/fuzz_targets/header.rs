@@ -1,7 +1,8 @@
 #![no_main]
 //! Any text as the header of a file whose rows are numbers: nearly all of what can be wrong with a file is wrong with its header.
 
-use kincal_fuzz::measurement::{Decimal, Frame, csv};
+use kincal_fuzz::measurement::table::own_form;
+use kincal_fuzz::measurement::{Decimal, Frame};
 
 libfuzzer_sys::fuzz_target!(|input: (u8, u8, &str)| {
     let (n_joints, n_rows, header) = (
@@ -13,7 +14,7 @@ libfuzzer_sys::fuzz_target!(|input: (u8, u8, &str)| {
     let row = vec!["1"; n_columns].join(",");
     let text = format!("{header}\n{}", format!("{row}\n").repeat(n_rows));
     kincal_fuzz::check_csv(Decimal::Point, text.as_bytes(), n_joints);
-    if let Ok(set) = csv::parse(text.as_bytes(), Frame::Instrument, n_joints) {
+    if let Ok(set) = own_form::parse(text.as_bytes(), Frame::Instrument, n_joints) {
         // Accepted: then each joint and each axis has its one column, and a unit.
         let names: Vec<&str> = header
             .trim_start_matches('\u{feff}')

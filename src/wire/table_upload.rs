@@ -145,37 +145,17 @@ fn joined(
     Ok((set, reading))
 }
 
-/// A stored upload, and how it was interpreted.
-#[derive(Clone, Copy, Debug)]
-pub struct StoredTable<'a> {
-    /// Its content type.
-    pub content_type: &'a str,
-    /// A [`Reading`] in JSON.
-    pub reading_json: &'a str,
-    /// Its bytes.
-    pub bytes: &'a [u8],
-    /// The rotation convention of poses.
-    pub rotation: Option<RotationConvention>,
-}
-
 /// Parses a stored upload again, with the interpretation that was stored with it.
 ///
 /// # Errors
 /// [`Invalid`]. This does not happen for an upload that was accepted once.
 pub fn read_again(
-    stored: &StoredTable<'_>,
+    reading: &Reading,
+    files: &Files,
+    rotation: Option<RotationConvention>,
     frame: Frame,
     n_joints: usize,
 ) -> Result<MeasurementSet, Invalid> {
-    let StoredTable {
-        content_type,
-        reading_json,
-        bytes,
-        rotation,
-    } = *stored;
-    let reading: Reading = serde_json::from_str(reading_json)
-        .map_err(|error| Invalid::at("", "unreadable", error.to_string()))?;
-    let files = Files::new(content_type, bytes)?;
     let columns = ColumnsBody::default();
     let options = UploadOptions {
         columns: &columns,
