@@ -254,7 +254,7 @@ fn parse_stored(
     }
     let decimal = declared_decimal(content_type).unwrap_or_default();
     own_form::parse_as(decimal, rotation, bytes, frame, n_joints)
-        .map_err(|error| table_upload::table_error(&error.into()))
+        .map_err(|error| table_upload::table_error(&error))
 }
 
 fn is_json(content_type: &str) -> bool {

@@ -56,9 +56,5 @@ pub fn parse_as(
         is_time: |_| true,
         are_targets: false,
     };
-    let content = read(source, &options).map_err(|error| {
-        let issues = error.issues.into_iter().map(|(issue, _)| issue);
-        ParseError::new(issues.collect())
-    })?;
-    Ok(MeasurementSet::new(frame, content.points))
+    Ok(MeasurementSet::new(frame, read(source, &options)?.points))
 }
