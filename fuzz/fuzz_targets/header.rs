@@ -21,19 +21,18 @@ libfuzzer_sys::fuzz_target!(|input: (u8, u8, &str)| {
             .split(',')
             .map(|name| name.trim().trim_matches('"').trim())
             .collect();
-        let with = |name: String| names.iter().filter(|known| **known == name).count();
+        let with = |name: &str, units: &[&str]| {
+            let of_unit = |unit: &&str| names.contains(&format!("{name}_{unit}").as_str());
+            units.iter().filter(|unit| of_unit(unit)).count()
+        };
         let plain = !header.contains(['"', '\n', '\r']);
         for joint in 1..=n_joints {
-            assert!(
-                !plain || with(format!("q{joint}_deg")) + with(format!("q{joint}_rad")) == 1,
-                "{header:?}"
-            );
+            let n = with(&format!("q{joint}"), &["deg", "rad", "gon"]);
+            assert!(!plain || n == 1, "{header:?}");
         }
         for axis in ["x", "y", "z"] {
-            assert!(
-                !plain || with(format!("{axis}_mm")) + with(format!("{axis}_m")) == 1,
-                "{header:?}"
-            );
+            let n = with(axis, &["mm", "m", "cm", "um", "in"]);
+            assert!(!plain || n == 1, "{header:?}");
         }
         assert!(!plain || set.points.len() == n_rows, "{header:?}");
     }
