@@ -13,7 +13,8 @@ use kincal::identification::search::fit::fit_in_space;
 use kincal::identification::search::swarm::{lane_robots, prepared_poses, run_swarm};
 use kincal::kinematics::batch::{LANES, LaneRobots, Lanes, sum_of_squares};
 use kincal::kinematics::{Link, Robot};
-use kincal::measurement::{Frame, Point, Subset, csv};
+use kincal::measurement::table::own_form;
+use kincal::measurement::{Frame, Point, Subset};
 use kincal::solvers::{least_squares, pso};
 use std::hint::black_box;
 use std::ops::ControlFlow;
@@ -122,7 +123,7 @@ fn time_least_squares(space: &SearchSpace, observations: &[Observation]) -> anyh
 /// The paper's search on the identify points of a set.
 pub fn problem(robot: &[u8], set: &[u8]) -> anyhow::Result<(SearchSpace, Vec<Observation>)> {
     let robot = read_robot(robot)?;
-    let set = csv::parse(set, Frame::Base, robot.links.len())?;
+    let set = own_form::parse(set, Frame::Base, robot.links.len())?;
     let points = set
         .points
         .iter()

@@ -10,7 +10,8 @@ use kincal::calibration::request::PreviousSession;
 use kincal::calibration::{CalibrationRequest, Method, calibrate};
 use kincal::identification::KinematicModel;
 use kincal::kinematics::Robot;
-use kincal::measurement::{Frame, MeasurementSet, csv};
+use kincal::measurement::table::own_form;
+use kincal::measurement::{Frame, MeasurementSet};
 use std::ops::ControlFlow;
 
 const TEXT: &str = "\
@@ -246,7 +247,7 @@ fn on_files() {
     };
     let robot = data::robot(&folder.join("robot.json"));
     let visit = |name: &str| {
-        csv::parse(
+        own_form::parse(
             &std::fs::read(folder.join(name)).expect("a visit"),
             Frame::Instrument,
             6,

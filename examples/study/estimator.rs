@@ -5,7 +5,8 @@
 use crate::data;
 use kincal::calibration::request::{CorrectionsChoice, VerifySource};
 use kincal::calibration::{CalibrationRequest, Model, calibrate};
-use kincal::measurement::{Frame, csv};
+use kincal::measurement::Frame;
+use kincal::measurement::table::own_form;
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -58,7 +59,7 @@ fn read(folder: &Path, oracles: &str) -> Vec<Case> {
 fn own_rms_mm(folder: &Path) -> f64 {
     let robot = data::robot(&folder.join("robot.json"));
     let set = std::fs::read(folder.join("set.csv")).unwrap();
-    let set = csv::parse(&set, Frame::Instrument, robot.links.len()).unwrap();
+    let set = own_form::parse(&set, Frame::Instrument, robot.links.len()).unwrap();
     let request = CalibrationRequest {
         model: Some(Model::Complete),
         corrections: Some(CorrectionsChoice::Off),

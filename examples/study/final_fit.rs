@@ -8,7 +8,8 @@ use kincal::calibration::request::FinalFit;
 use kincal::calibration::{CalibrationRequest, calibrate};
 use kincal::identification::KinematicModel;
 use kincal::identification::corrections::corrected::IdentifiedRobot;
-use kincal::measurement::{Frame, csv};
+use kincal::measurement::Frame;
+use kincal::measurement::table::own_form;
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -75,7 +76,7 @@ fn ratios(folder: &Path, oracle_mm: f64) -> Ratios {
     let robot = data::robot(&folder.join("robot.json"));
     let read = |file: &str| {
         let bytes = std::fs::read(folder.join(file)).unwrap();
-        csv::parse(&bytes, Frame::Instrument, robot.links.len()).unwrap()
+        own_form::parse(&bytes, Frame::Instrument, robot.links.len()).unwrap()
     };
     let (set, unseen) = (read("set.csv"), read("unseen.csv"));
     let rms_mm = |robot: &IdentifiedRobot| {

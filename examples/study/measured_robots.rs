@@ -2,12 +2,13 @@
 
 use crate::data::robot;
 use kincal::kinematics::Robot;
-use kincal::measurement::{Frame, MeasurementSet, Point, Subset, csv};
+use kincal::measurement::table::own_form;
+use kincal::measurement::{Frame, MeasurementSet, Point, Subset};
 use std::path::Path;
 
 /// A set in the frame of an instrument, of a robot of six joints.
 pub fn set(path: &Path) -> MeasurementSet {
-    csv::parse(&std::fs::read(path).unwrap(), Frame::Instrument, 6).unwrap()
+    own_form::parse(&std::fs::read(path).unwrap(), Frame::Instrument, 6).unwrap()
 }
 
 /// The robots with their sets; the two visits are measured in one instrument frame and are one set.

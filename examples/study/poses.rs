@@ -12,7 +12,7 @@ use kincal::identification::KinematicModel;
 use kincal::identification::model::parameters::{Parameter, apply, complete_parameters};
 use kincal::kinematics::rotation::{rotation_exp, rotation_log};
 use kincal::kinematics::{Link, Robot};
-use kincal::measurement::csv::{Conventions, parse_as};
+use kincal::measurement::table::own_form;
 use kincal::measurement::{Decimal, Frame, MeasurementSet, Point, Subset};
 use nalgebra::{IsometryMatrix3, Translation3, UnitQuaternion, Vector3};
 use rand::seq::SliceRandom;
@@ -152,13 +152,10 @@ fn robot(path: &Path) -> Robot {
 }
 
 fn ur10(file: &str) -> (Robot, MeasurementSet) {
-    let conventions = Conventions {
-        decimal: Decimal::Point,
-        rotation: Some("intrinsic_xyz".parse().unwrap()),
-        is_time: |_| true,
-    };
+    let rotation = "intrinsic_xyz".parse().unwrap();
     let bytes = std::fs::read(root().join(file)).unwrap();
-    let set = parse_as(conventions, &bytes, Frame::Instrument, 6).unwrap();
+    let set =
+        own_form::parse_as(Decimal::Point, Some(rotation), &bytes, Frame::Instrument, 6).unwrap();
     (robot(&root().join("robot.json")), set)
 }
 

@@ -27,7 +27,8 @@ pub mod solvers;
 pub mod wire;
 
 use measurement::csv::{MAX_COORDINATE_MM, MAX_ISSUES, MAX_JOINT_RAD, MAX_ROWS, ParseError};
-use measurement::{Decimal, Frame, MeasurementSet, csv};
+use measurement::table::own_form;
+use measurement::{Decimal, Frame, MeasurementSet};
 use operations::import::import;
 use operations::urdf::Urdf;
 use operations::xml_limits;
@@ -41,7 +42,7 @@ const LONGEST_DETAIL: usize = 70_000;
 
 /// What holds for every file, good or bad.
 pub fn check_csv(decimal: Decimal, bytes: &[u8], n_joints: usize) {
-    let parsed = csv::parse_with(decimal, bytes, Frame::Base, n_joints);
+    let parsed = own_form::parse_as(decimal, None, bytes, Frame::Base, n_joints);
     match &parsed {
         Ok(set) => check_set(set, n_joints),
         Err(ParseError { issues }) => {
@@ -68,7 +69,7 @@ pub fn check_csv(decimal: Decimal, bytes: &[u8], n_joints: usize) {
         }
     }
     assert_eq!(
-        csv::parse_with(decimal, bytes, Frame::Base, n_joints),
+        own_form::parse_as(decimal, None, bytes, Frame::Base, n_joints),
         parsed,
         "the same bytes, the same answer"
     );

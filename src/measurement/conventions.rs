@@ -49,12 +49,3 @@ pub enum Decimal {
     /// `12,5`; columns are separated by semicolons, as in exports of a German or French spreadsheet.
     Comma,
 }
-
-impl Decimal {
-    pub(super) fn separator(self) -> u8 {
-        match self {
-            Self::Point => b',',
-            Self::Comma => b';',
-        }
-    }
-}

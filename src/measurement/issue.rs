@@ -8,6 +8,8 @@ pub const MAX_ISSUES: usize = 20;
 pub struct Issue {
     /// Data row, 0-based (the header is not counted), if the error is about a row.
     pub row: Option<usize>,
+    /// The line of that row, counted from 1, if it is known.
+    pub line: Option<usize>,
     /// Name of the column, if the error is about a column.
     pub column: Option<String>,
     /// Stable code.
@@ -29,6 +31,7 @@ impl Issue {
     pub fn new(code: &'static str, detail: impl Into<String>) -> Self {
         Self {
             row: None,
+            line: None,
             column: None,
             code,
             detail: detail.into(),

@@ -69,7 +69,7 @@ impl Program {
                 mapping.sheet = Some(sheet);
                 source
             }
-            None => Source::decode(bytes).map_err(|e| table_upload::table_error(&e.into()))?,
+            None => Source::decode(bytes).map_err(|e| table_upload::table_error(&e))?,
         };
         if kind.is_none() && programs::find(&source.text).map_or(true, |found| found.is_some()) {
             let detail = "a robot program is not corrected in place: which of its points are targets, and of which tool, its text does not say. Write the joint \

@@ -2,15 +2,15 @@
 
 use crate::measurement;
 use crate::measurement::RotationConvention;
-use crate::measurement::csv::Conventions;
 pub use crate::measurement::csv::MAX_TARGETS;
 pub use crate::measurement::sessions::joined;
 pub use crate::measurement::set::n_shared_points;
+use crate::measurement::table::own_form;
 pub use crate::measurement::{Decimal, Frame, MeasurementSet, Subset};
 use crate::wire::columns::ColumnsBody;
 use crate::wire::content_type::{declared_decimal, declared_rotation};
 use crate::wire::instrument::{self, InstrumentBody};
-use crate::wire::issue::{Checker, Invalid, Issue, MAX_ISSUES};
+use crate::wire::issue::{Checker, Invalid};
 use crate::wire::json;
 use crate::wire::point::TimeCheck;
 pub use crate::wire::point::{MAX_JOINT_VALUE_DEG, PointBody};
@@ -18,7 +18,7 @@ use crate::wire::reference::SetReference;
 use crate::wire::robot::MAX_NAME;
 use crate::wire::session_record::SessionRecord;
 use crate::wire::suspicion::Insist;
-use crate::wire::table_upload::{self, Files, StoredTable, UploadOptions};
+use crate::wire::table_upload::{self, Files, UploadOptions};
 use crate::wire::time::is_rfc3339;
 use crate::wire::understood::{JoinedFiles, Reading, UnderstoodBody};
 pub use crate::wire::warning::Warning;
@@ -218,13 +218,12 @@ pub fn from_upload(
     frame: Frame,
     n_joints: usize,
 ) -> Result<MeasurementSet, Invalid> {
-    let reading: Option<Reading> = reading_json.and_then(|r| serde_json::from_str(r).ok());
-    let is_inverse = reading
-        .as_ref()
-        .is_some_and(|reading| reading.inverse_poses);
-    let beside = reading.and_then(|reading| reading.instrument);
-    let set = parse_stored(content_type, (reading_json, beside), bytes, frame, n_joints)?;
-    match is_inverse {
+    let reading: Option<Reading> = reading_json
+        .map(serde_json::from_str)
+        .transpose()
+        .map_err(|error| Invalid::at("", "unreadable", error.to_string()))?;
+    let set = parse_stored(content_type, reading.as_ref(), bytes, frame, n_joints)?;
+    match reading.is_some_and(|reading| reading.inverse_poses) {
         true => Ok(set.with_inverse_poses()),
         false => Ok(set),
     }
@@ -232,7 +231,7 @@ pub fn from_upload(
 
 fn parse_stored(
     content_type: &str,
-    (reading_json, beside): (Option<&str>, Option<InstrumentBody>),
+    reading: Option<&Reading>,
     bytes: &[u8],
     frame: Frame,
     n_joints: usize,
@@ -243,34 +242,19 @@ fn parse_stored(
             is_time: |_| true,
             // The stored reading also contains the instrument of the body. So it is used only if the body has none; otherwise the instrument would be
             // stated twice.
-            instrument: beside.filter(|_| body.instrument.is_none()),
+            instrument: (reading.and_then(|reading| reading.instrument))
+                .filter(|_| body.instrument.is_none()),
         };
         return body.set_as(Some(frame), n_joints, &reading);
     }
     let rotation = declared_rotation(content_type);
-    if let Some(reading) = reading_json {
-        let stored = StoredTable {
-            content_type,
-            reading_json: reading,
-            bytes,
-            rotation,
-        };
-        return table_upload::read_again(&stored, frame, n_joints);
+    if let Some(reading) = reading {
+        let files = Files::new(content_type, bytes)?;
+        return table_upload::read_again(reading, &files, rotation, frame, n_joints);
     }
-    let conventions = Conventions {
-        decimal: declared_decimal(content_type).unwrap_or_default(),
-        rotation,
-        is_time: |_| true,
-    };
-    measurement::csv::parse_as(conventions, bytes, frame, n_joints).map_err(|error| Invalid {
-        code: "invalid_measurements",
-        issues: error
-            .issues
-            .into_iter()
-            .take(MAX_ISSUES)
-            .map(csv_issue)
-            .collect(),
-    })
+    let decimal = declared_decimal(content_type).unwrap_or_default();
+    own_form::parse_as(decimal, rotation, bytes, frame, n_joints)
+        .map_err(|error| table_upload::table_error(&error))
 }
 
 fn is_json(content_type: &str) -> bool {
@@ -291,16 +275,6 @@ struct JsonReading {
     is_time: TimeCheck,
     /// The instrument, if it is given separately from the body.
     instrument: Option<InstrumentBody>,
-}
-
-fn csv_issue(issue: measurement::csv::Issue) -> Issue {
-    Issue {
-        row: issue.row,
-        column: issue.column,
-        code: issue.code.into(),
-        detail: issue.detail,
-        ..Issue::default()
-    }
 }
 
 impl MeasurementSetBody {

@@ -1,9 +1,10 @@
 //! Parses an uploaded table, or two files that belong together, to a measurement set. Also parses stored uploads again.
 
 use crate::measurement::columns::mapping::Mapping;
+use crate::measurement::csv::ParseError;
 use crate::measurement::join::join;
 use crate::measurement::table::columns::Needs;
-use crate::measurement::table::points::{self, Content, Preview, TableError, TableOptions};
+use crate::measurement::table::points::{self, Content, Preview, TableOptions};
 use crate::measurement::table::text::Source;
 use crate::measurement::{Decimal, Frame, MeasurementSet, RotationConvention};
 use crate::wire::columns::{ColumnsBody, FilePart};
@@ -145,37 +146,17 @@ fn joined(
     Ok((set, reading))
 }
 
-/// A stored upload, and how it was interpreted.
-#[derive(Clone, Copy, Debug)]
-pub struct StoredTable<'a> {
-    /// Its content type.
-    pub content_type: &'a str,
-    /// A [`Reading`] in JSON.
-    pub reading_json: &'a str,
-    /// Its bytes.
-    pub bytes: &'a [u8],
-    /// The rotation convention of poses.
-    pub rotation: Option<RotationConvention>,
-}
-
 /// Parses a stored upload again, with the interpretation that was stored with it.
 ///
 /// # Errors
 /// [`Invalid`]. This does not happen for an upload that was accepted once.
 pub fn read_again(
-    stored: &StoredTable<'_>,
+    reading: &Reading,
+    files: &Files,
+    rotation: Option<RotationConvention>,
     frame: Frame,
     n_joints: usize,
 ) -> Result<MeasurementSet, Invalid> {
-    let StoredTable {
-        content_type,
-        reading_json,
-        bytes,
-        rotation,
-    } = *stored;
-    let reading: Reading = serde_json::from_str(reading_json)
-        .map_err(|error| Invalid::at("", "unreadable", error.to_string()))?;
-    let files = Files::new(content_type, bytes)?;
     let columns = ColumnsBody::default();
     let options = UploadOptions {
         columns: &columns,
@@ -241,7 +222,7 @@ fn source<'a>(bytes: &'a [u8], mapping: &mut Mapping) -> Result<Source<'a>, Inva
         mapping.sheet = Some(sheet);
         return Ok(source);
     }
-    Source::from_bytes(bytes).map_err(|error| table_error(&error.into()))
+    Source::from_bytes(bytes).map_err(|error| table_error(&error))
 }
 
 fn one(
@@ -292,10 +273,10 @@ fn of_file(mut error: Invalid, part: FilePart) -> Invalid {
 }
 
 /// The refusal of a table.
-pub fn table_error(error: &TableError) -> Invalid {
-    let issue = |(issue, line): &(crate::measurement::csv::Issue, Option<usize>)| Issue {
+pub fn table_error(error: &ParseError) -> Invalid {
+    let issue = |issue: &crate::measurement::csv::Issue| Issue {
         row: issue.row,
-        line: *line,
+        line: issue.line,
         column: issue.column.clone(),
         code: issue.code.into(),
         detail: issue.detail.clone(),

@@ -8,7 +8,8 @@ use kincal::calibration::upload_checks::alignment::{
 };
 use kincal::calibration::{CalibrationRequest, Method, calibrate};
 use kincal::kinematics::{JointMap, Robot};
-use kincal::measurement::{Frame, MeasurementSet, csv};
+use kincal::measurement::table::own_form;
+use kincal::measurement::{Frame, MeasurementSet};
 use nalgebra::{DMatrix, DVector, IsometryMatrix3, Rotation3, Translation3, Vector3};
 use rand::RngExt;
 use std::f64::consts::PI;
@@ -100,7 +101,8 @@ fn measured_robots_fit_without_a_remark() {
     ] {
         let path = root.join(file);
         let robot = crate::data::robot(&path.parent().unwrap().join("robot.json"));
-        let set = csv::parse(&std::fs::read(&path).unwrap(), frame, robot.links.len()).unwrap();
+        let set =
+            own_form::parse(&std::fs::read(&path).unwrap(), frame, robot.links.len()).unwrap();
         assert_eq!(check_upload(&robot, &set, &[]), None, "{file}");
     }
 }
@@ -862,7 +864,7 @@ fn a_reflector_farther_away_than_the_arm_is_long_is_told_of_the_delivered_fit() 
     let folder = root.join("motoman_ma1400");
     let robot = crate::data::robot(&folder.join("robot.json"));
     let file = std::fs::read(folder.join("visit_1.csv")).unwrap();
-    let visit = csv::parse(&file, Frame::Instrument, 6).unwrap();
+    let visit = own_form::parse(&file, Frame::Instrument, 6).unwrap();
     for n_rows in [20, 22, 25] {
         for seed in 0..3 {
             let mut set = visit.clone();

@@ -16,7 +16,8 @@ use kincal::identification::model::parameters::{
 };
 use kincal::identification::model::pose_rows::MeasuredRotation;
 use kincal::kinematics::{Mounting, ResidualNetwork, reach_mm};
-use kincal::measurement::{Frame, MeasurementSet, Point, Subset, csv};
+use kincal::measurement::table::own_form;
+use kincal::measurement::{Frame, MeasurementSet, Point, Subset};
 use nalgebra::{Rotation3, Vector3};
 use std::ops::ControlFlow;
 
@@ -38,7 +39,7 @@ fn kept(report: &CalibrationReport) -> Vec<&str> {
 }
 
 fn set(path: &std::path::Path) -> MeasurementSet {
-    csv::parse(&std::fs::read(path).unwrap(), Frame::Instrument, 6).unwrap()
+    own_form::parse(&std::fs::read(path).unwrap(), Frame::Instrument, 6).unwrap()
 }
 
 fn every_term(n: usize) -> Vec<Term> {
@@ -348,7 +349,7 @@ fn the_points_to_verify_and_nobody_else_have_a_veto_over_all_corrections() {
 #[test]
 fn the_delivered_corrections_fit_all_points_as_well_as_the_verified_ones_fit_theirs() {
     let bytes = include_bytes!("../data/corrections_overshoot.csv");
-    let set = csv::parse(bytes, Frame::Base, 6).unwrap();
+    let set = own_form::parse(bytes, Frame::Base, 6).unwrap();
     let request = CalibrationRequest::new(paper_robot(), set.clone());
     let report = run(&request);
     let held_out_mm = report.verify.as_ref().unwrap().corrected.unwrap().rms_mm;

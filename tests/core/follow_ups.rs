@@ -13,7 +13,8 @@ use kincal::calibration::{
 use kincal::identification::KinematicModel;
 use kincal::identification::corrections::corrected::IdentifiedRobot;
 use kincal::kinematics::Robot;
-use kincal::measurement::{Frame, MeasurementSet, Point, Subset, csv};
+use kincal::measurement::table::own_form;
+use kincal::measurement::{Frame, MeasurementSet, Point, Subset};
 use nalgebra::{IsometryMatrix3, Rotation3, Vector3};
 use std::ops::ControlFlow;
 
@@ -154,7 +155,7 @@ fn each_visit_of_the_measured_robot_verifies_the_other() {
     let folder = real.join("motoman_ma1400");
     let robot = crate::data::robot(&folder.join("robot.json"));
     let visit = |name: &str| {
-        csv::parse(
+        own_form::parse(
             &std::fs::read(folder.join(name)).unwrap(),
             Frame::Instrument,
             6,

@@ -4,7 +4,8 @@ use crate::data::{paper_path, paper_robot};
 use kincal::frames::{Error, PreliminaryFrames, preliminary_frames};
 use kincal::identification::KinematicModel;
 use kincal::kinematics::Robot;
-use kincal::measurement::{Frame, MeasurementSet, Point, csv};
+use kincal::measurement::table::own_form;
+use kincal::measurement::{Frame, MeasurementSet, Point};
 use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 
@@ -14,7 +15,7 @@ const SWEEP_NOISE_MM: f64 = 0.005;
 const SIGMAS: f64 = 4.0;
 
 fn sweeps() -> MeasurementSet {
-    csv::parse(
+    own_form::parse(
         &std::fs::read(paper_path("sweeps_instrument.csv")).unwrap(),
         Frame::Instrument,
         6,

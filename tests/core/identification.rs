@@ -22,7 +22,8 @@ use kincal::identification::model::parameters::{
 use kincal::identification::model::search_space::SearchSpace;
 use kincal::identification::search::swarm::{SwarmCost, run_swarm};
 use kincal::kinematics::{JointMap, Link, Robot, reach_mm};
-use kincal::measurement::{Frame, MeasurementSet, Point, Subset, csv};
+use kincal::measurement::table::own_form;
+use kincal::measurement::{Frame, MeasurementSet, Point, Subset};
 use kincal::solvers::pso;
 use nalgebra::{DMatrix, IsometryMatrix3, Rotation3, Translation3, Vector3};
 use std::ops::ControlFlow;
@@ -425,7 +426,7 @@ fn moving_the_instrument_or_permuting_the_rows_changes_no_error() {
 #[test]
 fn sweeps_merge_z_t_into_d6_and_take_it_out_again() {
     let robot = paper_robot();
-    let sweeps = csv::parse(
+    let sweeps = own_form::parse(
         &std::fs::read(paper_path("sweeps_instrument.csv")).unwrap(),
         Frame::Instrument,
         6,

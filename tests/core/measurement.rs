@@ -1,7 +1,8 @@
-//! The CSV parser and the split: accepted files, and refusals with row, column and a hint.
+//! Files whose header has the meanings of their columns, and the split: accepted files, and refusals with row, column and a hint.
 
 use crate::data::paper_path;
-use kincal::measurement::csv::{MAX_ISSUES, ParseError, parse};
+use kincal::measurement::csv::{MAX_ISSUES, ParseError};
+use kincal::measurement::table::own_form::parse;
 use kincal::measurement::{Frame, MeasurementSet, Point, Subset, split};
 use proptest::prelude::*;
 
@@ -152,11 +153,11 @@ fn bad_headers_are_refused_by_name() {
     let column = |name: &str| Some(name.to_string());
     assert_eq!(
         first_issue(b"q1,q2_deg,x_mm,y_mm,z_mm\n1,2,3,4,5\n"),
-        ("missing_unit", None, column("q1"))
+        ("unknown_meaning", None, column("q1"))
     );
     assert_eq!(
         first_issue(b"q1_deg,q2_deg,x,y_mm,z_mm\n1,2,3,4,5\n"),
-        ("missing_unit", None, column("x"))
+        ("unknown_meaning", None, column("x"))
     );
     assert_eq!(
         first_issue(b"q1_deg,x_mm,y_mm,z_mm\n1,3,4,5\n"),
@@ -164,7 +165,7 @@ fn bad_headers_are_refused_by_name() {
     );
     assert_eq!(
         first_issue(b"q1_deg,q2_deg,q3_deg,x_mm,y_mm,z_mm\n1,2,3,4,5,6\n"),
-        ("wrong_joint_count", None, column("q3_deg"))
+        ("unknown_meaning", None, column("q3_deg"))
     );
     assert_eq!(
         first_issue(b"q1_deg,q2_deg,y_mm,z_mm\n1,2,3,4\n"),
@@ -172,11 +173,11 @@ fn bad_headers_are_refused_by_name() {
     );
     assert_eq!(
         first_issue(b"q1_deg,q2_deg,x_mm,y_mm,z_mm,colour\n1,2,3,4,5,6\n"),
-        ("unknown_column", None, column("colour"))
+        ("unknown_meaning", None, column("colour"))
     );
     assert_eq!(
         first_issue(b"q1_deg,q1_deg,q2_deg,x_mm,y_mm,z_mm\n1,1,2,3,4,5\n").0,
-        "duplicate_column"
+        "unknown_column"
     );
     assert_eq!(
         first_issue(b"q1_deg,q2_rad,x_mm,y_mm,z_mm\n1,2,3,4,5\n").0,
@@ -184,11 +185,11 @@ fn bad_headers_are_refused_by_name() {
     );
     assert_eq!(
         first_issue(b"q01_deg,q2_deg,x_mm,y_mm,z_mm\n1,2,3,4,5\n").0,
-        "unknown_column"
+        "unknown_meaning"
     );
     assert_eq!(
         first_issue(b"q1_deg;q2_deg;x_mm;y_mm;z_mm\n1;2;3;4;5\n").0,
-        "wrong_separator"
+        "unknown_meaning"
     );
 }
 
@@ -196,7 +197,7 @@ fn bad_headers_are_refused_by_name() {
 fn files_that_are_no_csv_are_refused() {
     assert_eq!(first_issue(b"PK\x03\x04rest").0, "not_csv");
     assert_eq!(first_issue(b"").0, "empty");
-    assert_eq!(first_issue(b"q1_deg,\xff\xfe").0, "not_utf8");
+    assert_eq!(first_issue(b"q1_deg,\x00").0, "not_text");
     assert_eq!(first_issue(format!("{HEADER}\n").as_bytes()).0, "no_rows");
 }
 

@@ -16,7 +16,7 @@ use kincal::identification::model::parameters::{complete_parameters, target_rota
 use kincal::identification::model::pose_rows::MeasuredRotation;
 use kincal::kinematics::rotation::{rotation_exp, rotation_log};
 use kincal::kinematics::{Robot, t_base_flange};
-use kincal::measurement::csv::{self, Conventions};
+use kincal::measurement::table::own_form;
 use kincal::measurement::{Decimal, Frame, MeasurementSet, Point, RotationConvention};
 use kincal::operations::{Correctable, compensate};
 use kincal::wire::compensate::{CartesianTarget, CompensateBody};
@@ -231,13 +231,10 @@ fn one_target_shows_27_combinations_three_show_33_and_poses_30() {
 
 fn ur10(file: &str, root: &Path) -> (Robot, MeasurementSet) {
     let folder = root.join("ur10_tmac");
-    let conventions = Conventions {
-        decimal: Decimal::Point,
-        rotation: Some("intrinsic_xyz".parse().unwrap()),
-        is_time: |_| true,
-    };
+    let rotation = "intrinsic_xyz".parse().unwrap();
     let bytes = std::fs::read(folder.join(file)).unwrap();
-    let set = csv::parse_as(conventions, &bytes, Frame::Instrument, 6).unwrap();
+    let set =
+        own_form::parse_as(Decimal::Point, Some(rotation), &bytes, Frame::Instrument, 6).unwrap();
     (robot(&folder.join("robot.json")), set)
 }
 

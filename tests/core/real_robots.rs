@@ -10,7 +10,8 @@ use kincal::calibration::{
 use kincal::identification::KinematicModel;
 use kincal::identification::corrections::corrected::IdentifiedRobot;
 use kincal::kinematics::Robot;
-use kincal::measurement::{Frame, MeasurementSet, Point, csv, split};
+use kincal::measurement::table::own_form;
+use kincal::measurement::{Frame, MeasurementSet, Point, split};
 use nalgebra::{Rotation3, Vector3};
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -30,7 +31,7 @@ fn scipy(name: &str, split: &str) -> f64 {
 }
 
 fn set(path: &Path) -> MeasurementSet {
-    csv::parse(&std::fs::read(path).unwrap(), Frame::Instrument, 6).unwrap()
+    own_form::parse(&std::fs::read(path).unwrap(), Frame::Instrument, 6).unwrap()
 }
 
 /// Both visits of the Motoman as one set: the instrument had not moved.

@@ -12,7 +12,8 @@ use kincal::identification::KinematicModel;
 use kincal::kinematics::Robot;
 use kincal::kinematics::rotation::rotation_exp;
 use kincal::measurement::sessions::{first_rows, joined};
-use kincal::measurement::{Frame, MeasurementSet, Subset, csv, split};
+use kincal::measurement::table::own_form;
+use kincal::measurement::{Frame, MeasurementSet, Subset, split};
 use nalgebra::{IsometryMatrix3, Translation3};
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::ControlFlow;
@@ -484,7 +485,7 @@ fn two_visits_of_a_measured_robot_are_fitted_together_as_well_as_scipy_does() {
     let folder = root.join("motoman_ma1400");
     let robot = robot(&folder.join("robot.json"));
     let visit = |name: &str| {
-        csv::parse(
+        own_form::parse(
             &std::fs::read(folder.join(name)).unwrap(),
             Frame::Instrument,
             6,

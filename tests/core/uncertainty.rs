@@ -9,7 +9,8 @@ use kincal::calibration::request::{CorrectionsChoice, Loss};
 use kincal::calibration::{CalibrationReport, CalibrationRequest, Method, Preset, calibrate};
 use kincal::identification::KinematicModel;
 use kincal::kinematics::t_base_flange;
-use kincal::measurement::{Frame, MeasurementSet, Subset, csv};
+use kincal::measurement::table::own_form;
+use kincal::measurement::{Frame, MeasurementSet, Subset};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use rand::RngExt;
 use std::ops::ControlFlow;
@@ -481,7 +482,7 @@ fn of_measured_robots_only_an_uncertainty_that_the_points_determine_is_stated() 
     let Some(root) = real_data() else { return };
     let of = |folder: &str, file: &str| {
         let bytes = std::fs::read(root.join(folder).join(file)).unwrap();
-        let mut set: MeasurementSet = csv::parse(&bytes, Frame::Instrument, 6).unwrap();
+        let mut set: MeasurementSet = own_form::parse(&bytes, Frame::Instrument, 6).unwrap();
         set.points
             .iter_mut()
             .for_each(|point| point.subset = Some(Subset::Identify));
@@ -716,7 +717,7 @@ fn no_uncertainty_is_stated_that_is_larger_than_the_nominal_robots_error() {
             remaining.join(",") + "\n"
         };
         let read: String = text.lines().map(of_line).collect();
-        let set: MeasurementSet = csv::parse(read.as_bytes(), Frame::Instrument, 6).unwrap();
+        let set: MeasurementSet = own_form::parse(read.as_bytes(), Frame::Instrument, 6).unwrap();
         for seed in 0..4 {
             let request = CalibrationRequest {
                 corrections: Some(CorrectionsChoice::Off),

@@ -1,7 +1,8 @@
 //! Data of the tests: the paper's robot and sets (`data/paper`), and measured sets of real robots if they are available.
 
 use kincal::kinematics::{Link, Robot};
-use kincal::measurement::{Frame, MeasurementSet, csv};
+use kincal::measurement::table::own_form;
+use kincal::measurement::{Frame, MeasurementSet};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -74,5 +75,5 @@ pub fn paper_robot() -> Robot {
 
 /// A set of the paper's robot, in the base frame.
 pub fn paper_set(name: &str) -> MeasurementSet {
-    csv::parse(&std::fs::read(paper_path(name)).unwrap(), Frame::Base, 6).unwrap()
+    own_form::parse(&std::fs::read(paper_path(name)).unwrap(), Frame::Base, 6).unwrap()
 }

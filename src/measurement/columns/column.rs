@@ -1,9 +1,8 @@
-//! The header of a measurement file: its columns and their units.
+//! Columns by their names in kincal's own form, and which of them a file must have.
 
-use crate::measurement::columns::pose::{PoseColumn, header_issues, pose_column};
+use crate::measurement::columns::pose::{PoseColumn, pose_column};
 use crate::measurement::columns::units::{ANGLES, LENGTHS};
-use crate::measurement::issue::{Issue, MAX_ISSUES, ParseError};
-use crate::measurement::rotation_convention::RotationConvention;
+use crate::measurement::issue::Issue;
 use std::collections::BTreeMap;
 
 /// Content of a column. For joints and positions: the index, and the factor from the column's unit to rad or mm.
@@ -25,49 +24,7 @@ pub enum Column {
     OfPose(PoseColumn),
 }
 
-/// Parses a header. It is refused if a column is unknown, missing or duplicate, or if the units are mixed.
-pub fn parse_header(
-    header: &csv::StringRecord,
-    n_joints: usize,
-    rotation: Option<RotationConvention>,
-) -> Result<Vec<Column>, ParseError> {
-    let mut issues = Vec::new();
-    let mut seen: BTreeMap<String, usize> = BTreeMap::new();
-    let mut columns = Vec::new();
-    for (index, name) in header.iter().enumerate() {
-        if seen.insert(name.to_string(), index).is_some() {
-            issues.push(column_issue(
-                name,
-                "duplicate_column",
-                format!("column {name} appears twice"),
-            ));
-        }
-        match column_of(name, n_joints) {
-            Ok(column) => columns.push(column),
-            Err(issue) => issues.push(issue),
-        }
-        if issues.len() >= MAX_ISSUES {
-            break;
-        }
-    }
-    if issues.is_empty() {
-        issues = missing_columns(&columns, n_joints);
-    }
-    if issues.is_empty() {
-        issues.extend(mixed_units(columns.iter().copied().zip(header)));
-    }
-    if issues.is_empty() {
-        let has = |name: &str| seen.contains_key(name);
-        let of_poses = header_issues(&has, rotation).into_iter();
-        issues.extend(of_poses.map(|(column, code, detail)| column_issue(&column, code, detail)));
-    }
-    if issues.is_empty() {
-        Ok(columns)
-    } else {
-        Err(ParseError::new(issues))
-    }
-}
-
+/// The column of a name in kincal's own form.
 pub fn column_of(name: &str, n_joints: usize) -> Result<Column, Issue> {
     let plain = match name {
         "x_mm" => Column::Position(0, 1.0),

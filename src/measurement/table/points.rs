@@ -6,7 +6,7 @@ use crate::measurement::columns::meaning::{self, key};
 use crate::measurement::columns::pose::{PoseColumn, header_issues};
 use crate::measurement::conventions::Decimal;
 use crate::measurement::csv::Reading;
-use crate::measurement::issue::{Issue, MAX_ISSUES, ParseError};
+use crate::measurement::issue::{Issue, ParseError};
 use crate::measurement::programs::Unread;
 use crate::measurement::rotation_convention::RotationConvention;
 use crate::measurement::set::Point;
@@ -44,25 +44,6 @@ pub struct Understood {
     pub reflectors: Vec<String>,
     /// Points of a robot's program that are not read.
     pub unread: Vec<Unread>,
-}
-
-/// Why a table was refused.
-#[derive(Clone, Debug, PartialEq)]
-pub struct TableError {
-    /// The errors, each with the line of its row.
-    pub issues: Vec<(Issue, Option<usize>)>,
-}
-
-impl From<ParseError> for TableError {
-    fn from(error: ParseError) -> Self {
-        Self {
-            issues: error
-                .issues
-                .into_iter()
-                .map(|issue| (issue, None))
-                .collect(),
-        }
-    }
 }
 
 /// The content of a table.
@@ -113,12 +94,12 @@ pub struct Preview {
 /// Reads a table.
 ///
 /// # Errors
-/// [`TableError`] with the line, the row, the column and a hint for each error.
-pub fn read(source: Source, options: &TableOptions) -> Result<Content, TableError> {
+/// [`ParseError`] with the line, the row, the column and a hint for each error.
+pub fn read(source: Source, options: &TableOptions) -> Result<Content, ParseError> {
     let table = Table::find(source, options.mapping)?;
     let columns = resolved(&table, options);
     if !columns.issues.is_empty() {
-        return Err(ParseError::new(columns.issues).into());
+        return Err(ParseError::new(columns.issues));
     }
     let parts = Parts::new(&table, &columns, options);
     let decimal = parts.decimal(options.mapping)?;
@@ -136,17 +117,11 @@ pub fn read(source: Source, options: &TableOptions) -> Result<Content, TableErro
     if content.points.is_empty() && content.issues.is_empty() {
         content.issue(
             None,
-            None,
             "no_rows",
             "the file has a header but no data rows".into(),
         );
     }
-    if !content.issues.is_empty() {
-        content.issues.truncate(MAX_ISSUES);
-        return Err(TableError {
-            issues: content.issues,
-        });
-    }
+    content.refused()?;
     understood.skipped_rows += content.n_skipped;
     understood.reflectors = content.reflectors;
     Ok(Content {
@@ -191,12 +166,12 @@ fn resolved(table: &Table, options: &TableOptions) -> Columns {
 /// Makes a preview of a table: its first rows and the meanings of its columns.
 ///
 /// # Errors
-/// [`TableError`] if not even the columns can be separated.
+/// [`ParseError`] if not even the columns can be separated.
 pub fn preview(
     source: Source,
     options: &TableOptions,
     n_rows: usize,
-) -> Result<Preview, TableError> {
+) -> Result<Preview, ParseError> {
     let table = Table::find(source, options.mapping)?;
     let columns = resolved(&table, options);
     let parts = Parts::new(&table, &columns, options);

@@ -3,9 +3,9 @@
 use crate::measurement::columns::mapping::{ColumnRef, HeaderRow, Mapping, Separator, same_header};
 use crate::measurement::columns::names::Unit;
 use crate::measurement::conventions::Decimal;
-use crate::measurement::csv::text::refuse_endless_rows;
 use crate::measurement::issue::{ParseError, whole};
 use crate::measurement::programs::ProgramRows;
+use crate::measurement::table::endless_rows::refuse_endless_rows;
 use crate::measurement::table::header::{
     found_header, separator_of_data, stated_header, stated_length_unit, units_below, unnamed,
 };

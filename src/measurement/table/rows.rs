@@ -3,7 +3,7 @@
 use crate::measurement::columns::column::Column;
 use crate::measurement::csv::number_text::without_unit;
 use crate::measurement::csv::{MAX_ROWS, Reading, parse_row};
-use crate::measurement::issue::{Issue, MAX_ISSUES};
+use crate::measurement::issue::{Issue, MAX_ISSUES, ParseError};
 use crate::measurement::set::Point;
 use crate::measurement::table::checks::flags::Flags;
 use crate::measurement::table::checks::names::Names;
@@ -15,22 +15,23 @@ use crate::measurement::table::lines::is_numeric;
 use crate::measurement::table::resolution::Used;
 use crate::measurement::table::{Next, Table};
 
-/// Cells of a column with and without a unit behind the number: how many, and row and line of the first one.
+/// Cells of a column with and without a unit behind the number: how many, and the row of the first one.
 #[derive(Clone, Copy, Debug, Default)]
 struct UnitsOfCells {
     n_with: usize,
-    first_with: Option<(usize, usize)>,
+    first_with: Option<usize>,
     n_without: usize,
-    first_without: Option<(usize, usize)>,
+    first_without: Option<usize>,
 }
 
 /// The rows that were read so far.
 #[derive(Default)]
 pub struct Rows {
     pub points: Vec<Point>,
+    /// The line of each row.
     pub lines: Vec<usize>,
     pub keys: Vec<(String, Vec<String>)>,
-    pub issues: Vec<(Issue, Option<usize>)>,
+    pub issues: Vec<Issue>,
     pub n_skipped: usize,
     n_rows: usize,
     /// Number of other rows that begin with a number.
@@ -54,7 +55,6 @@ pub struct Rows {
 /// A row that has the name of a statistic in front of its numbers.
 struct Summary {
     row: usize,
-    line: usize,
     word: String,
     /// Whether this cell is read as a label.
     is_label: bool,
@@ -171,10 +171,7 @@ impl Rows {
                 }
                 self.reflectors = found.names;
             }
-            Err(issue) => {
-                let line = issue.row.and_then(|row| self.lines.get(row).copied());
-                self.issues.push((issue, line));
-            }
+            Err(issue) => self.issues.push(issue),
         }
     }
 
@@ -200,9 +197,7 @@ impl Rows {
                 layout.columns.iter().any(is_joint),
             );
             // No row was refused, so points and rows are counted alike.
-            let line = |issue: &Issue| issue.row.map(|row| self.lines[row]);
-            let found = found.into_iter().take(MAX_ISSUES);
-            self.issues = found.map(|issue| (issue.clone(), line(&issue))).collect();
+            self.issues = found;
         }
     }
 
@@ -215,7 +210,6 @@ impl Rows {
         for found in std::mem::take(&mut self.summaries) {
             let Summary {
                 row,
-                line,
                 word,
                 is_label,
             } = found;
@@ -223,7 +217,7 @@ impl Rows {
                 let detail = format!(
                     "row {row} has the name {word:?}: a row of statistics is no measurement; remove it, or put # before it; if it is a point's name, name it otherwise"
                 );
-                self.issue(Some(row), Some(line), "summary_row", detail);
+                self.issue(Some(row), "summary_row", detail);
             }
         }
     }
@@ -234,7 +228,7 @@ impl Rows {
             let (Some(with), Some(without)) = (units.first_with, units.first_without) else {
                 continue;
             };
-            let ((row, line), code, what) = match units.n_with < units.n_without {
+            let (row, code, what) = match units.n_with < units.n_without {
                 true => (
                     with,
                     "not_a_number",
@@ -253,7 +247,7 @@ impl Rows {
             let issue = Issue::new(code, detail)
                 .in_row(row)
                 .in_column((*name).to_owned());
-            self.issues.push((issue, Some(line)));
+            self.issues.push(issue);
         }
     }
 
@@ -263,7 +257,7 @@ impl Rows {
     /// If it has another unit.
     fn bare<'r>(
         &mut self,
-        (row, line): (usize, usize),
+        row: usize,
         cell: &'r str,
         column: usize,
         layout: &Layout,
@@ -276,11 +270,11 @@ impl Rows {
         match unit {
             None => {
                 units.n_without += 1;
-                units.first_without.get_or_insert((row, line));
+                units.first_without.get_or_insert(row);
             }
             Some(unit) if unit == own => {
                 units.n_with += 1;
-                units.first_with.get_or_insert((row, line));
+                units.first_with.get_or_insert(row);
             }
             Some(unit) => {
                 let name = &layout.names[column];
@@ -295,15 +289,24 @@ impl Rows {
         Ok(number)
     }
 
-    pub fn issue(
-        &mut self,
-        row: Option<usize>,
-        line: Option<usize>,
-        code: &'static str,
-        detail: String,
-    ) {
-        let issue = Issue::new(code, detail).in_row(row);
-        self.issues.push((issue, line));
+    pub fn issue(&mut self, row: Option<usize>, code: &'static str, detail: String) {
+        self.issues.push(Issue::new(code, detail).in_row(row));
+    }
+
+    /// Refuses the table, if there are issues. Each has the line of its row.
+    ///
+    /// # Errors
+    /// The first issues.
+    pub fn refused(&self) -> Result<(), ParseError> {
+        let line = |row: usize| self.lines.get(row).copied();
+        let issues = self.issues.iter().cloned().map(|issue| Issue {
+            line: issue.row.and_then(line),
+            ..issue
+        });
+        match self.issues.is_empty() {
+            true => Ok(()),
+            false => Err(ParseError::new(issues.collect())),
+        }
     }
 
     /// Reads the next row. Returns false if no further rows are wanted.
@@ -316,9 +319,9 @@ impl Rows {
             }
             Next::Bad(line, code, detail) => {
                 let row = self.n_rows;
+                self.lines.push(line);
                 self.issue(
                     Some(row),
-                    Some(line),
                     code,
                     format!("row {row} cannot be read: {detail}"),
                 );
@@ -330,12 +333,13 @@ impl Rows {
         if index >= MAX_ROWS {
             self.issues.clear();
             let detail = format!("more than {MAX_ROWS} rows; split the campaign into several sets");
-            self.issue(None, None, "too_many_rows", detail);
+            self.issue(None, "too_many_rows", detail);
             return false;
         }
         self.n_rows += 1;
+        self.lines.push(row.line);
         if let Err(detail) = self.ends.take(index, &row, table, &layout.ends) {
-            self.issue(Some(index), Some(row.line), "wrong_cell_count", detail);
+            self.issue(Some(index), "wrong_cell_count", detail);
             return self.issues.len() < MAX_ISSUES;
         }
         self.flags.take(index, &row);
@@ -344,7 +348,7 @@ impl Rows {
         let mut cells = csv::StringRecord::new();
         for (column, place) in layout.places.iter().enumerate() {
             let cell = row.cells.get(*place).unwrap_or("");
-            match self.bare((index, row.line), cell, column, layout) {
+            match self.bare(index, cell, column, layout) {
                 Ok(cell) if is_of_target(&layout.columns[column]) && !cell.trim().is_empty() => {
                     // numbered when all rows are known
                     reflector = Some(cell.trim().to_owned());
@@ -353,28 +357,24 @@ impl Rows {
                 }
                 Ok(cell) => cells.push_field(cell),
                 Err(issue) => {
-                    self.issues.push((issue, Some(row.line)));
+                    self.issues.push(issue);
                     return self.issues.len() < MAX_ISSUES;
                 }
             }
         }
-        let mut issues = Vec::new();
         let point = parse_row(
             index,
             &cells,
             &layout.names,
             &layout.columns,
             reading,
-            &mut issues,
+            &mut self.issues,
         );
-        self.issues
-            .extend(issues.into_iter().map(|issue| (issue, Some(row.line))));
         let leading: Vec<(&str, bool)> = layout.leading_cells(&row.cells).collect();
         let statistic = leading.iter().find(|(cell, _)| is_statistic(cell));
         if let Some((word, is_label)) = statistic {
             self.summaries.push(Summary {
                 row: index,
-                line: row.line,
                 word: (*word).to_owned(),
                 is_label: *is_label,
             });
@@ -383,7 +383,6 @@ impl Rows {
         }
         if let Some(point) = point {
             self.points.push(point);
-            self.lines.push(row.line);
             self.reflector_cells.extend(reflector);
             for (used, (_, cells)) in layout.keys.iter().zip(&mut self.keys) {
                 cells.push(row.cells.get(used.place).unwrap_or("").trim().to_owned());

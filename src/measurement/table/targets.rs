@@ -12,7 +12,7 @@ use crate::measurement::table::Table;
 use crate::measurement::table::cells::cell_places;
 use crate::measurement::table::columns::Needs;
 use crate::measurement::table::lines::lines;
-use crate::measurement::table::points::{self, TableError, TableOptions};
+use crate::measurement::table::points::{self, TableOptions};
 use crate::measurement::table::text::Source;
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -71,7 +71,7 @@ pub struct Targets {
 ///
 /// # Errors
 /// As [`points::read`], and if the cells of a row cannot be found again in the text.
-pub fn read_targets(source: &Source, mapping: &Mapping) -> Result<Targets, TableError> {
+pub fn read_targets(source: &Source, mapping: &Mapping) -> Result<Targets, ParseError> {
     let table = Table::find(source.clone(), mapping)?;
     let mut mapping = mapping.clone();
     let mut commanded = commanded_joints(&table, &mapping)?;
@@ -349,7 +349,7 @@ mod tests {
         // Measured values are not corrected in place of commanded ones.
         let refused = |text: &str, mapping: &Mapping| {
             let source = Source::decode(text.as_bytes()).unwrap();
-            read_targets(&source, mapping).unwrap_err().issues[0].0.code
+            read_targets(&source, mapping).unwrap_err().issues[0].code
         };
         let text = "Target J1,Target J2,Actual J1 [deg],Actual J2 [deg]\n1,2,3,4\n";
         assert_eq!(refused(text, &Mapping::default()), "missing_unit");
@@ -397,6 +397,6 @@ mod tests {
         let text = "note,J1 [deg]\n\"a\nb\",1\n";
         let source = Source::decode(text.as_bytes()).unwrap();
         let error = read_targets(&source, &Mapping::default()).unwrap_err();
-        assert!(error.issues[0].0.detail.contains("line 2"), "{error:?}");
+        assert!(error.issues[0].detail.contains("line 2"), "{error:?}");
     }
 }

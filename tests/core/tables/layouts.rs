@@ -3,7 +3,8 @@
 use super::traps::{named_rows, refused_as};
 use super::*;
 use kincal::measurement::columns::mapping::{Mapping, Needs};
-use kincal::measurement::table::points::{Content, TableError, TableOptions};
+use kincal::measurement::csv::ParseError;
+use kincal::measurement::table::points::{Content, TableOptions};
 use kincal::measurement::table::text::Source;
 
 #[test]
@@ -72,7 +73,7 @@ fn a_unit_in_the_name_and_another_below_it_are_told() {
 }
 
 /// The joint values of a robot's file.
-fn joints(text: &str) -> Result<Content, TableError> {
+fn joints(text: &str) -> Result<Content, ParseError> {
     let options = TableOptions {
         mapping: &Mapping::default(),
         n_joints: 6,
@@ -120,7 +121,7 @@ fn lists_of_joint_values_of_robots_are_read() {
     let script = lines(|row, q| format!("  P{row}=[{}]\n  movej(P{row})", radians(q)));
     are_true(&format!("def cal():\n{script}end\n"), 1e-6);
     let error = joints(&lines(|row, q| format!("P{row}=[{}]", radians(q)))).unwrap_err();
-    assert_eq!(error.issues[0].0.code, "missing_unit");
+    assert_eq!(error.issues[0].code, "missing_unit");
 }
 
 #[test]
@@ -173,7 +174,7 @@ fn external_axes_are_named_and_must_not_move() {
     ] {
         for text in external(at) {
             let error = joints(&text).unwrap_err();
-            let issue = &error.issues[0].0;
+            let issue = &error.issues[0];
             assert_eq!(issue.code, "external_axis_moves", "{issue:?}");
             assert!(issue.detail.contains("a program of its own"), "{issue:?}");
         }

@@ -95,7 +95,6 @@ struct Flag {
 #[derive(Clone)]
 struct Marked {
     row: usize,
-    line: usize,
     cell: String,
 }
 
@@ -135,7 +134,6 @@ impl Flags {
             let is_full = flag.values.len() > MAX_VALUES;
             let marked = || Marked {
                 row: index,
-                line: row.line,
                 cell: cell.to_owned(),
             };
             if flag.is_weight && !cell.is_empty() {
@@ -165,8 +163,8 @@ impl Flags {
         }
     }
 
-    /// Refuses rows that may have been put aside. Each issue has its line.
-    pub fn refused(&self, table: &Table) -> Vec<(Issue, Option<usize>)> {
+    /// Refuses rows that may have been put aside.
+    pub fn refused(&self, table: &Table) -> Vec<Issue> {
         let columns = self.columns.iter();
         columns
             .filter_map(|flag| Some(issue(table, flag, flag.marked()?)))
@@ -179,18 +177,17 @@ fn is_number(cell: &str) -> bool {
     cell.starts_with(|c: char| c.is_ascii_digit() || c == '-')
 }
 
-fn issue(table: &Table, flag: &Flag, marked: &Marked) -> (Issue, Option<usize>) {
-    let Marked { row, line, cell } = marked;
+fn issue(table: &Table, flag: &Flag, marked: &Marked) -> Issue {
+    let Marked { row, cell } = marked;
     let name = table.name(flag.place);
     let reference = table.reference(flag.place);
     let detail = format!(
         "row {row} has {cell:?} in column {name}, and others have not: if it says that such rows do not count, remove them, or put # before them; if all rows are \
          measurements, leave the column aside in the column mapping: {{\"ignore\": [{reference}]}}"
     );
-    let issue = Issue::new("two_readings", detail)
+    Issue::new("two_readings", detail)
         .in_row(*row)
-        .in_column(name);
-    (issue, Some(*line))
+        .in_column(name)
 }
 
 impl Flag {

@@ -12,13 +12,6 @@ const NOT_COUNTED: &str = "bad|nok|invalid|outlier|deleted|rejected|reject|exclu
 /// Number of rows that a refusal lists.
 const MAX_LISTED: usize = 10;
 
-/// A cell of a row.
-struct Cell {
-    row: usize,
-    line: usize,
-    text: String,
-}
-
 /// The columns with names of points.
 #[derive(Default)]
 pub struct Names {
@@ -26,13 +19,15 @@ pub struct Names {
     pair: Option<[usize; 2]>,
     /// Whether the pair has numbers of points.
     are_numbers: bool,
-    differ: Vec<(usize, usize, [String; 2])>,
+    /// Rows with two different names.
+    differ: Vec<(usize, [String; 2])>,
     /// The names of each column of the pair in their plain form, and the number of rows.
     seen: [BTreeSet<String>; 2],
     n_rows: usize,
     /// The column with the names of the points.
     own: Option<usize>,
-    not_counted: Vec<Cell>,
+    /// Rows whose name says that they do not count.
+    not_counted: Vec<(usize, String)>,
     n_named: usize,
 }
 
@@ -75,11 +70,7 @@ impl Names {
             let lower = text.to_lowercase();
             let mut words = lower.split(|c: char| !c.is_alphanumeric());
             if words.any(|word| is_one_of(NOT_COUNTED, word)) {
-                self.not_counted.push(Cell {
-                    row: index,
-                    line: row.line,
-                    text: text.to_owned(),
-                });
+                self.not_counted.push((index, text.to_owned()));
             }
         }
         let Some(pair) = self.pair else { return };
@@ -88,43 +79,40 @@ impl Names {
         self.n_rows += 1;
         if first != second && !first.is_empty() && !second.is_empty() {
             let texts = pair.map(str::to_owned);
-            self.differ.push((index, row.line, texts));
+            self.differ.push((index, texts));
         }
         let [seen, others] = &mut self.seen;
         seen.insert(first);
         others.insert(second);
     }
 
-    /// Refuses names that say so of some rows, and rows of two tables that do not belong together. Each issue has its line.
-    pub fn refused(&self, table: &Table) -> Vec<(Issue, Option<usize>)> {
+    /// Refuses names that say so of some rows, and rows of two tables that do not belong together.
+    pub fn refused(&self, table: &Table) -> Vec<Issue> {
         let counted = self.not_counted();
         let beside = self.beside(table);
         counted.into_iter().chain(beside).collect()
     }
 
-    fn not_counted(&self) -> Option<(Issue, Option<usize>)> {
-        let first = self.not_counted.first()?;
+    fn not_counted(&self) -> Option<Issue> {
+        let (first, _) = self.not_counted.first()?;
         // a word of most names says nothing
         if 2 * self.not_counted.len() >= self.n_named {
             return None;
         }
         let listed = self.not_counted.iter().take(MAX_LISTED);
         let listed: Vec<String> = listed
-            .map(|cell| format!("{} {:?}", cell.row, cell.text))
+            .map(|(row, text)| format!("{row} {text:?}"))
             .collect();
         let detail = format!(
             "rows have names of points that do not count: {}: remove these rows, or put # before them; if they are measurements, name these points otherwise",
             listed.join(", ")
         );
-        Some((
-            Issue::new("two_readings", detail).in_row(first.row),
-            Some(first.line),
-        ))
+        Some(Issue::new("two_readings", detail).in_row(*first))
     }
 
-    fn beside(&self, table: &Table) -> Option<(Issue, Option<usize>)> {
+    fn beside(&self, table: &Table) -> Option<Issue> {
         let [first, second] = self.pair?;
-        let (row, line, [a, b]) = self.differ.first()?;
+        let (row, [a, b]) = self.differ.first()?;
         let [names, others] = &self.seen;
         let n_shared = names.intersection(others).count();
         // numbers that do not count the points, such as those of poses, repeat
@@ -147,10 +135,8 @@ impl Names {
             rows.join(", "),
             table.reference(second)
         );
-        let issue = Issue::new("two_readings", detail)
-            .in_row(*row)
-            .in_column(other);
-        Some((issue, Some(*line)))
+        let issue = Issue::new("two_readings", detail).in_row(*row);
+        Some(issue.in_column(other))
     }
 }
 

@@ -38,16 +38,13 @@ pub struct Ends {
     pub first_joint: Option<(usize, String)>,
 }
 
-/// A row whose cells may have moved.
-struct Moved {
-    row: usize,
-    line: usize,
-    detail: String,
+/// The refusal of a row whose cells may have moved.
+fn moved(row: usize, detail: String) -> Issue {
+    Issue::new("wrong_cell_count", detail).in_row(row)
 }
 
 /// The last number that is read in the row that was read last.
 struct Last {
-    line: usize,
     n_decimals: usize,
     /// Whether the row ends behind it.
     is_at_end: bool,
@@ -57,18 +54,18 @@ struct Last {
 #[derive(Default)]
 pub struct RowEnds {
     /// The first rows that are longer than the header, and the number of all of them.
-    long: Vec<Moved>,
+    long: Vec<Issue>,
     n_long: usize,
     n_rows: usize,
     /// The first rows with a number that looks measured behind those that are read, their number, and that of rows with a text there.
-    numbers_behind: Vec<Moved>,
+    numbers_behind: Vec<Issue>,
     n_numbers_behind: usize,
     n_texts_behind: usize,
     /// The first rows that end within the columns that the caller leaves aside, and whether any of these columns has a number.
-    short: Vec<Moved>,
+    short: Vec<Issue>,
     has_number_behind: bool,
     /// The first row with a coordinate that may be split at a separator of thousands, and the number of such rows.
-    split: Option<Moved>,
+    split: Option<Issue>,
     n_split: usize,
     last: Option<Last>,
     /// The number of decimals of the last number that is read, if it is the same in all rows above the last one.
@@ -136,15 +133,12 @@ impl RowEnds {
         if let Some(place) = ends.positions.iter().find(is_split).filter(|_| is_possible) {
             self.n_split += 1;
             let (whole, rest) = (cell(*place), cell(place + 1));
-            self.split.get_or_insert_with(|| Moved {
-                row: index,
-                line: row.line,
-                detail: format!(
+            self.split.get_or_insert_with(|| moved(index, format!(
                     "row {index}, column {}: {whole} stands in front of {rest}, as if they were one number with a separator of thousands, and so it is in half of the rows or more: \
                      write the numbers without such separators, or in quotes; if {whole} is the whole number, write it with decimals",
                     table.name(*place)
                 ),
-            });
+            ));
         }
         self.take_last(
             row,
@@ -153,16 +147,12 @@ impl RowEnds {
         );
         let behind = cell(ends.n_read);
         let is_number_behind = is_numeric(behind);
-        let moved = |detail: String| Moved {
-            row: index,
-            line: row.line,
-            detail,
-        };
         if ends.are_left_aside {
             let mut cells_behind = row.cells.iter().skip(ends.n_read);
             self.has_number_behind |= cells_behind.any(|cell| is_numeric(cell.trim()));
             if n_cells < n_columns && self.short.len() < MAX_ISSUES {
                 self.short.push(moved(
+                    index,
                     detail()
                         + ". The columns that are left aside have numbers, so a missing cell may have moved them: write every row with all its separators",
                 ));
@@ -170,14 +160,14 @@ impl RowEnds {
         }
         self.n_long += usize::from(n_cells > n_columns);
         if n_cells > n_columns && is_number_behind && self.long.len() < MAX_ISSUES {
-            self.long.push(moved(detail()));
+            self.long.push(moved(index, detail()));
         }
         self.n_texts_behind += usize::from(!is_number_behind && !behind.is_empty());
         self.n_numbers_behind += usize::from(is_number_behind);
         let looks_measured = is_number_behind && n_decimals(behind) >= MIN_DECIMALS;
         if looks_measured && self.numbers_behind.len() < MAX_ISSUES {
             let name = table.name(ends.n_read);
-            self.numbers_behind.push(moved(format!(
+            self.numbers_behind.push(moved(index, format!(
                 "row {index}, column {name}: a number that looks like those of the column in front stands among texts: has a cell a separator in it, so that all behind it have \
                  moved? Put that cell in quotes; if the number is a remark, put it in words, or remove the column"
             )));
@@ -187,7 +177,6 @@ impl RowEnds {
 
     fn take_last(&mut self, row: &TableRow, cell: &str, ends: &Ends) {
         let last = Last {
-            line: row.line,
             n_decimals: n_decimals(cell),
             is_at_end: row.cells.len() == ends.n_read && ends.ends_with_number,
         };
@@ -212,10 +201,10 @@ impl RowEnds {
         self.n_with_decimals += usize::from(n_decimals(cell(first + 1)) > 0);
     }
 
-    /// Refuses rows whose cells may have moved. Each issue has its line.
+    /// Refuses rows whose cells may have moved.
     ///
     /// Rows that are longer than the header all alike have a separator at their end. A longer row among others has a separator within a cell.
-    pub fn refused(&mut self, table: &Table, ends: &Ends) -> Vec<(Issue, Option<usize>)> {
+    pub fn refused(&mut self, table: &Table, ends: &Ends) -> Vec<Issue> {
         let mut found = Vec::new();
         if self.n_long < self.n_rows {
             found.append(&mut self.long);
@@ -231,16 +220,13 @@ impl RowEnds {
         if self.n_split >= MIN_SPLIT && 2 * self.n_split >= self.n_rows {
             found.extend(self.split.take());
         }
-        let issue = |moved: Moved| {
-            let issue = Issue::new("wrong_cell_count", moved.detail).in_row(moved.row);
-            (issue, Some(moved.line))
-        };
-        let found = found.into_iter().take(MAX_ISSUES).map(issue);
-        found.chain(self.row_numbers(table, ends)).collect()
+        found.truncate(MAX_ISSUES);
+        found.extend(self.row_numbers(table, ends));
+        found
     }
 
     /// Refuses joint values that number the rows. The rows have a cell more in front than the header has names, as R writes them.
-    fn row_numbers(&self, table: &Table, ends: &Ends) -> Option<(Issue, Option<usize>)> {
+    fn row_numbers(&self, table: &Table, ends: &Ends) -> Option<Issue> {
         let (first, means) = ends.first_joint.as_ref().filter(|_| !self.is_not_counted)?;
         let are_few = self.n_rows < MIN_NUMBERED || 2 * self.n_with_decimals < self.n_rows;
         let name = table.name(*first);
@@ -249,25 +235,22 @@ impl RowEnds {
              for it into the header; if these are joint values, say so in the column mapping: {{{means:?}: {name:?}}}"
         );
         let issue = Issue::new("two_readings", detail).in_column(name);
-        (!are_few).then_some((issue, None))
+        (!are_few).then_some(issue)
     }
 
     /// The last row of a file without a line end, if its last number has fewer decimals than all others.
-    fn cut_off(&self, table: &Table, ends: &Ends) -> Option<Moved> {
+    fn cut_off(&self, table: &Table, ends: &Ends) -> Option<Issue> {
         let last = self.last.as_ref().filter(|last| last.is_at_end)?;
         let alike = self.n_decimals.filter(|_| !self.are_decimals_unlike)?;
         let row = self.n_rows - 1;
         let is_cut = ends.is_open && row >= MIN_NUMBERED && last.n_decimals < alike;
-        is_cut.then(|| Moved {
-            row,
-            line: last.line,
-            detail: format!(
+        is_cut.then(|| moved(row, format!(
                 "row {row}, column {}: the number has {} decimals and all others have {alike}, and the file has no line break at its end: was it cut off? \
                  If the row is whole, write a line break behind it",
                 table.name(ends.n_read.saturating_sub(1)),
                 last.n_decimals
             ),
-        })
+        ))
     }
 }
 

@@ -1,16 +1,15 @@
-//! Measurement sets as CSV: a header with units, one row per measured point. The parser never corrects anything silently.
+//! The cells of a row as a measured point. Nothing is corrected silently.
 
-use crate::measurement::columns::column::{Column, parse_header};
+use crate::measurement::columns::column::Column;
 use crate::measurement::columns::pose::{
     MAX_ROTATION_RAD, MAX_STD_ROTATION_RAD, MIN_STD_ROTATION_RAD, PoseCells, PoseColumn,
 };
-use crate::measurement::conventions::{Decimal, Frame, Subset};
+use crate::measurement::conventions::{Decimal, Subset};
 use crate::measurement::csv::number_text;
-use crate::measurement::csv::text::{decode, refuse_endless_rows};
-use crate::measurement::issue::{Issue, MAX_ISSUES, ParseError, whole};
+use crate::measurement::issue::Issue;
 use crate::measurement::position_noise::{MAX_STD_MM, MIN_STD_MM};
 use crate::measurement::rotation_convention::RotationConvention;
-use crate::measurement::set::{MeasurementSet, Point};
+use crate::measurement::set::Point;
 use std::borrow::Cow;
 
 /// Maximum number of rows of a set: a hundred times the largest data set that we know. An identification from so many rows takes half a minute.
@@ -29,124 +28,7 @@ pub const MAX_LABEL_LENGTH: usize = 200;
 /// Examples of a time with its offset from UTC, for messages.
 pub const EXAMPLE_OF_A_TIME: &str = "2026-03-01T08:15:30Z or 2026-03-01T09:15:30+01:00 (RFC 3339)";
 
-/// Parses a CSV file with decimal points. `n_joints` is the robot's number of links.
-///
-/// # Errors
-/// [`ParseError`] with the row, the column and a hint for each error (at most [`MAX_ISSUES`]).
-pub fn parse(bytes: &[u8], frame: Frame, n_joints: usize) -> Result<MeasurementSet, ParseError> {
-    parse_with(Decimal::Point, bytes, frame, n_joints)
-}
-
-/// As [`parse`], with the given decimal mark.
-///
-/// # Errors
-/// As [`parse`].
-pub fn parse_with(
-    decimal: Decimal,
-    bytes: &[u8],
-    frame: Frame,
-    n_joints: usize,
-) -> Result<MeasurementSet, ParseError> {
-    let conventions = Conventions {
-        decimal,
-        rotation: None,
-        is_time: |_| true,
-    };
-    parse_as(conventions, bytes, frame, n_joints)
-}
-
-/// Conventions that a file does not state itself.
-#[derive(Clone, Copy)]
-pub struct Conventions {
-    /// The decimal mark.
-    pub decimal: Decimal,
-    /// The rotation convention of rx_deg, ry_deg and rz_deg.
-    pub rotation: Option<RotationConvention>,
-    /// Check of the text in `measured_at`.
-    pub is_time: fn(&str) -> bool,
-}
-
-/// As [`parse_with`], for a file that may contain poses. Times are checked by a function of the caller, because the core itself does not parse them.
-///
-/// # Errors
-/// As [`parse`].
-pub fn parse_as(
-    conventions: Conventions,
-    bytes: &[u8],
-    frame: Frame,
-    n_joints: usize,
-) -> Result<MeasurementSet, ParseError> {
-    let Conventions {
-        decimal,
-        rotation,
-        is_time,
-    } = conventions;
-    let text = decode(bytes, decimal)?;
-    refuse_endless_rows(text.as_bytes(), decimal.separator())?;
-    let mut reader = csv::ReaderBuilder::new();
-    let mut reader = reader
-        .flexible(true)
-        .trim(csv::Trim::Headers)
-        .delimiter(decimal.separator())
-        .from_reader(text.as_bytes());
-    let header = reader
-        .headers()
-        .map_err(|e| whole("unreadable", format!("the header row cannot be read: {e}")))?
-        .clone();
-    let columns = parse_header(&header, n_joints, rotation)?;
-    let mut issues = Vec::new();
-    let mut points = Vec::new();
-    let mut record = csv::StringRecord::new();
-    for row in 0.. {
-        let read = reader.read_record(&mut record);
-        if matches!(read, Ok(false)) {
-            break;
-        }
-        if row >= MAX_ROWS {
-            return Err(whole(
-                "too_many_rows",
-                format!("more than {MAX_ROWS} rows; split the campaign into several sets"),
-            ));
-        }
-        match read {
-            Ok(_) => {
-                if let Some(point) = parse_row(
-                    row,
-                    &record,
-                    &header,
-                    &columns,
-                    &Reading {
-                        n_joints,
-                        decimal,
-                        rotation,
-                        is_time,
-                    },
-                    &mut issues,
-                ) {
-                    points.push(point);
-                }
-            }
-            Err(e) => issues.push(
-                Issue::new("unreadable", format!("row {row} cannot be read: {e}")).in_row(row),
-            ),
-        }
-        if issues.len() >= MAX_ISSUES {
-            break;
-        }
-    }
-    if points.is_empty() && issues.is_empty() {
-        issues.push(Issue::new(
-            "no_rows",
-            "the file has a header but no data rows",
-        ));
-    }
-    if issues.is_empty() {
-        Ok(MeasurementSet::new(frame, points))
-    } else {
-        Err(ParseError::new(issues))
-    }
-}
-
+/// Reads the cells of a row to a point. `header` has the names of `columns`.
 pub fn parse_row(
     row: usize,
     record: &csv::StringRecord,
@@ -155,12 +37,6 @@ pub fn parse_row(
     reading: &Reading,
     issues: &mut Vec<Issue>,
 ) -> Option<Point> {
-    if record.len() != columns.len() {
-        let separator = reading.decimal.separator();
-        let detail = wrong_cell_count(row, record, columns.len(), separator);
-        issues.push(Issue::new("wrong_cell_count", detail).in_row(row));
-        return None;
-    }
     let mut point = Point::empty(reading.n_joints, row);
     let before = issues.len();
     let mut of_pose = PoseCells::default();
