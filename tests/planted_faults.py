@@ -70,7 +70,7 @@ FAULTS = [
     Fault("a base that moved is shared", "core", "sessions_in_the_base_frame_are_refused_if_the_base_moved", [
         ("bases_agree(request, &estimates, alarm)?;", "")], "src/calibration"),
     Fault("a base points into the floor", "core", "the_base_of_a_description_is_upright", [
-        ("axes[0].direction.z < ROUNDING - 1.0", "axes[0].direction.z < NOTHING - 2.0")], "src/exchange"),
+        ("axes[0].direction.z < ROUNDING - 1.0", "axes[0].direction.z < ROUNDING - 2.0")], "src/exchange"),
     Fault("clocks with two differences are taken", "core", "what_cannot_be_joined_says", [
         ("if !ties.are_contradictory {", "if true || !ties.are_contradictory {")], "src/measurement"),
     # Rotations, noise and scale
@@ -118,7 +118,7 @@ FAULTS = [
     Fault("what fits nothing has not changed", "core", "of_points_that_fit_no_robot", [
         ("if request.previous.is_some() && !is_no_fit {", "if request.previous.is_some() && (!is_no_fit || true) {")], "src/calibration"),
     Fault("nine times worse is as good", "service", "a_session_several_times_worse", [
-        ("(times >= REPORTED_ERROR_RATIO).then_some(times)", "(times >= 10.0 * WORSE).then_some(times)")], "src/calibration"),
+        ("(times >= REPORTED_ERROR_RATIO).then_some(times)", "(times >= 10.0 * REPORTED_ERROR_RATIO).then_some(times)")], "src/calibration"),
     Fault("a work frame of another set-up is used", "core", "a_work_frame_from_another_set_up_is_refused", [
         ("if is_measuring && !is_own && from.provenance", "if false && !is_own && from.provenance")], "src/operations"),
     Fault("a drawing in inches is kept", "service", "a_work_frame_whose_points_do_not_fit_is_refused", [
