@@ -179,6 +179,14 @@ fn metres_given_as_millimetres_and_the_other_way_round_are_found() {
 }
 
 #[test]
+fn one_position_in_all_rows_is_refused() {
+    for_each_make(|_, robot, set| {
+        let stuck = changed(set, |_, p| *p = Vector3::new(1000.0, 0.0, 500.0));
+        suspicion(robot, &stuck);
+    });
+}
+
+#[test]
 fn both_units_wrong_are_found() {
     for_each_make(|_, robot, set| {
         let both = changed(set, |q, p| {

@@ -41,6 +41,8 @@ const WIDEST_RAD: f64 = PI / 4.0;
 const EQUALLY_GOOD: f64 = 1.5;
 /// If the points' spread is below this share of the arm's reach, their unit may be larger than assumed.
 const SMALL_SPREAD: f64 = 0.02;
+/// Spread that counts at least, as a share of the reach: one position in all rows has none.
+const LEAST_SPREAD: f64 = 1e-4;
 /// If the flanges' spread is below this share of the arm's reach, the poses are one pose with joints read to 0.001°.
 const SAME_POSE: f64 = 1e-5;
 
@@ -106,7 +108,8 @@ fn fitted(model: KinematicModel, observations: &[Observation], n_free: usize) ->
     let spare = spare_equations(observations.len(), n_free)?;
     let reach_mm = kinematics::reach_mm(&model.links);
     let unlike = match flange_spread_mm(&model.links, observations) > SAME_POSE * reach_mm {
-        true => (SMALL_SPREAD * reach_mm / spread_mm(observations)).max(1.0),
+        true => (SMALL_SPREAD * reach_mm / spread_mm(observations).max(LEAST_SPREAD * reach_mm))
+            .max(1.0),
         // poses that do not differ give close points for any robot
         false => 1.0,
     };
