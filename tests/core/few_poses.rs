@@ -240,7 +240,7 @@ fn a_carried_camera_is_weighed_where_it_sees_the_board() {
     assert!(median(&found.found_mm) < OF_ONE_SESSION * median(&found.attainable_mm));
 }
 
-/// Of unchanged robots, one in a hundred is called changed; of 12, two are with a probability of 0.6 %.
+/// Of unchanged robots, one in a hundred is called changed; of six, two are with a probability of 0.2 %.
 #[test]
 fn quick_checks_by_noisy_poses_hold() {
     let coarse = Noise {
@@ -251,7 +251,7 @@ fn quick_checks_by_noisy_poses_hold() {
         (measured as Measure, "tracker"),
         (seen_by_a_carried_camera, "carried camera"),
     ] {
-        let verdicts: Vec<CheckVerdict> = (2000..2012)
+        let verdicts: Vec<CheckVerdict> = (2000..2006)
             .map(|seed| {
                 let mut random = Normal::new(seed);
                 let truth = truth(&paper_robot(), &mut random);
@@ -293,6 +293,6 @@ fn quick_checks_by_noisy_poses_hold() {
             .iter()
             .filter(|v| **v == CheckVerdict::Holds)
             .count();
-        assert!(n_hold >= 11, "{name}: {n_hold} hold");
+        assert!(n_hold >= 5, "{name}: {n_hold} hold");
     }
 }
