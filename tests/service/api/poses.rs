@@ -142,7 +142,11 @@ async fn poses_of_a_fixed_board_seen_by_a_carried_camera_are_named_and_taken() {
     let job = app.run(&robot, &request).await;
     let report = format!("/v1/jobs/{}/report", text(&job["id"]));
     let after = &app.get(&report).await.ok(200)["verify"]["after"];
-    assert!(after["rms_mm"].as_f64().unwrap() < 2.0 * MOST.0, "{after}");
+    // where the camera sees the board, the error of a position has that of the rotation, which here is noise of the flange's pose
+    let distances_mm = seen.iter().map(|(_, seen_mm, _)| seen_mm.norm());
+    let farthest_mm = distances_mm.fold(0.0, f64::max);
+    let most_mm = MOST.0 + MOST.1.to_radians() * farthest_mm;
+    assert!(after["rms_mm"].as_f64().unwrap() < most_mm, "{after}");
     for (query, code) in [
         (
             "frame=base&inverse_poses=true",
