@@ -32,7 +32,7 @@ use crate::wire::robot::RobotBody;
 use crate::wire::session_record::SessionRecord;
 use crate::wire::suspicion::Insist;
 use crate::wire::understood::Reading;
-use crate::wire::{Invalid, Problem, canonical};
+use crate::wire::{Invalid, canonical};
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::Value;
@@ -355,14 +355,10 @@ pub fn robot_file(path: &Path, bytes: &[u8]) -> anyhow::Result<RobotBody> {
 fn failure(failure: JobFailure) -> anyhow::Error {
     match failure {
         JobFailure::Cancelled => anyhow::anyhow!("cancelled"),
-        JobFailure::Failed { problem_json } => {
-            let problem: Option<Problem> = serde_json::from_str(&problem_json).ok();
-            match problem {
-                Some(p) if p.status < 500 => Usage(format!("{} ({})", p.detail, p.code)).into(),
-                Some(p) => anyhow::anyhow!("{} ({})", p.detail, p.code),
-                None => anyhow::anyhow!("{problem_json}"),
-            }
+        JobFailure::Failed(p) if p.status < 500 => {
+            Usage(format!("{} ({})", p.detail, p.code)).into()
         }
+        JobFailure::Failed(p) => anyhow::anyhow!("{} ({})", p.detail, p.code),
     }
 }
 

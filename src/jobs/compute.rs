@@ -193,24 +193,19 @@ pub enum JobFailure {
     /// The monitor returned `Break`.
     Cancelled,
     /// The job cannot be computed, and another attempt would not help.
-    Failed {
-        /// Problem details for the client.
-        problem_json: String,
-    },
+    Failed(Box<Problem>),
 }
 
 impl JobFailure {
-    /// Fails the job with these problem details.
-    pub(super) fn failed(problem: &Problem) -> Self {
-        Self::Failed {
-            problem_json: problem_json(problem),
-        }
+    /// Fails the job with this problem for the client.
+    pub(super) fn failed(problem: Problem) -> Self {
+        Self::Failed(Box::new(problem))
     }
 
     /// Failure for a stored document that cannot be read or written: an internal error, not the client's.
     pub(super) fn broken(cause: impl std::fmt::Display) -> Self {
         tracing::error!(%cause, "a job's stored documents cannot be read or written");
-        Self::failed(&Problem::new(
+        Self::failed(Problem::new(
             500,
             "internal",
             "a stored document of this job cannot be read or written; the log has the cause",
@@ -220,12 +215,6 @@ impl JobFailure {
 
 pub(super) fn problem_json(problem: &Problem) -> String {
     serde_json::json!(problem).to_string()
-}
-
-/// The code of a problem that [`problem_json`] wrote.
-pub(super) fn problem_code(json: &str) -> Option<String> {
-    let problem: serde_json::Value = serde_json::from_str(json).ok()?;
-    Some(problem["code"].as_str()?.to_owned())
 }
 
 impl JobInputs {

@@ -260,13 +260,13 @@ fn run_timed(
     let core = computation(&mut monitor).map_err(|error| match error {
         calibration::Error::Cancelled => JobFailure::Cancelled,
         calibration::Error::Unusable { code, detail } => {
-            JobFailure::failed(&Problem::new(422, code, detail))
+            JobFailure::failed(Problem::new(422, code, detail))
         }
     })?;
     clock.stop();
     if !result_check::is_finite(&core) {
         let detail = "the result holds a number that is not finite; nothing was stored. Look for a row with an extreme value in the set";
-        return Err(JobFailure::failed(&Problem::new(
+        return Err(JobFailure::failed(Problem::new(
             422,
             "result_not_finite",
             detail,
@@ -275,7 +275,7 @@ fn run_timed(
     if !result_check::has_plausible_size(&core) {
         let detail = "the fit diverged: links or targets of more than 10 m; nothing was stored. Look for rows whose joints and position do not belong \
                       together";
-        return Err(JobFailure::failed(&Problem::new(422, FIT_DIVERGED, detail)));
+        return Err(JobFailure::failed(Problem::new(422, FIT_DIVERGED, detail)));
     }
     // The network of a result that cannot be used is not stored.
     let network = core

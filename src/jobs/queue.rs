@@ -1,6 +1,6 @@
 //! The queue's rules on top of the job table.
 
-use super::compute::{problem_code, problem_json};
+use super::compute::problem_json;
 use super::{JobOutcome, JobSignals};
 use crate::release::facts::{facts_at_end, failure_facts};
 use crate::release::{self, CheckStateChange};
@@ -34,8 +34,8 @@ pub async fn cancel(store: &Store, signals: &JobSignals, job_id: &str, by: &str)
 pub enum AttemptEnd {
     /// With its results. If cancellation was requested, the job is cancelled and no result is stored.
     Finished(Box<JobOutcome>),
-    /// As failed, with problem details in JSON.
-    Failed(String),
+    /// As failed, with this problem.
+    Failed(Box<Problem>),
     /// As cancelled.
     Cancelled,
     /// The job is queued again, and the attempt does not count.
@@ -54,7 +54,7 @@ pub async fn end(store: &Store, lease: &Lease, end: &AttemptEnd) -> Result<()> {
     let mut tx = store.begin().await?;
     match end {
         AttemptEnd::Finished(outcome) => finish(&mut tx, lease, outcome).await?,
-        AttemptEnd::Failed(problem_json) => fail(&mut tx, lease, problem_json).await?,
+        AttemptEnd::Failed(problem) => fail(&mut tx, lease, problem).await?,
         AttemptEnd::Cancelled => leases::cancelled(&mut tx, lease).await?,
         AttemptEnd::HandedBack => leases::hand_back(&mut tx, lease).await?,
         AttemptEnd::GaveUp => leases::give_up(&mut tx, lease).await?,
@@ -95,14 +95,13 @@ async fn finish(tx: &mut Tx, lease: &Lease, outcome: &JobOutcome) -> Result<()> 
 }
 
 /// Fails a job. If its points do not fit one robot, that is a fact about the robot.
-async fn fail(tx: &mut Tx, lease: &Lease, problem_json: &str) -> Result<()> {
+async fn fail(tx: &mut Tx, lease: &Lease, problem: &Problem) -> Result<()> {
     robots::lock_of_job(tx, &lease.job_id).await?;
     let check_seq = verifications::check_of_job(tx, &lease.job_id)
         .await?
         .check_seq;
-    let code = problem_code(problem_json);
-    let found = code.and_then(|code| failure_facts(&code, check_seq));
-    if leases::fail(tx, lease, problem_json).await?
+    let found = failure_facts(&problem.code, check_seq);
+    if leases::fail(tx, lease, &problem_json(problem)).await?
         && let Some(found) = &found
     {
         record_facts(tx, &lease.job_id, found).await?;

@@ -67,7 +67,7 @@ pub(super) fn requests_of(
     let mut request = posted
         .calibration_request(parts)
         .map_err(|invalid: Invalid| {
-            JobFailure::failed(&Problem::new(422, invalid.code, invalid.summary()))
+            JobFailure::failed(Problem::new(422, invalid.code, invalid.summary()))
         })?;
     request.held_out = held_out(inputs);
     request.instrument_scale = instrument_scale(inputs)?;

@@ -7,7 +7,6 @@ use tokio::sync::watch;
 use tokio::task::{JoinError, JoinHandle};
 use tokio::time::{Instant, timeout};
 
-use super::compute::problem_json;
 use super::heartbeat::{Control, Renewal, RenewedLease, ShutdownStage, Stop, shutdown_reached};
 use super::queue::{self, AttemptEnd};
 use super::run_alone::{Permit, RunAlone};
@@ -268,7 +267,7 @@ impl Attempt<'_> {
         let job_id = &self.lease.job_id;
         match result {
             Ok(Ok(outcome)) => AttemptEnd::Finished(Box::new(outcome)),
-            Ok(Err(JobFailure::Failed { problem_json })) => AttemptEnd::Failed(problem_json),
+            Ok(Err(JobFailure::Failed(problem))) => AttemptEnd::Failed(problem),
             Ok(Err(JobFailure::Cancelled)) => match self.control().stopped() {
                 Some(Stop::Cancelled) => AttemptEnd::Cancelled,
                 Some(Stop::ShuttingDown) => AttemptEnd::HandedBack,
@@ -360,9 +359,9 @@ async fn cancelled_and_unresponsive(control: &Control) {
 }
 
 /// The problem of a computation that failed internally; the cause goes to the log only.
-fn internal(job_id: &str, what: &str) -> String {
+fn internal(job_id: &str, what: &str) -> Box<Problem> {
     tracing::error!(job_id, what, "a computation failed");
-    problem_json(&Problem::new(
+    Box::new(Problem::new(
         500,
         "internal",
         "the computation failed; the server's log has the cause under the job's id",

@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use kincal::jobs::{JobFailure, JobInputs, JobOutcome, JobSignals, WorkerContext};
 use kincal::store::{JobRow, NewNetwork, NewParameterSet, Store, jobs};
+use kincal::wire::Problem;
 use kincal::wire::job::{Model, Preset};
 use kincal::wire::job_answer::{ProgressAnswer, Stage};
 
@@ -20,13 +21,16 @@ const PATIENCE: Duration = Duration::from_secs(30);
 pub type Monitor<'a> = &'a mut dyn FnMut(ProgressAnswer) -> ControlFlow<()>;
 pub type Computed = Result<JobOutcome, JobFailure>;
 
+/// The problem of a computation that fails.
+pub fn problem() -> Box<Problem> {
+    Box::new(Problem::new(422, "under_determined", "too few poses"))
+}
+
 /// Runs the behaviour in the request.
 pub fn run_scripted(inputs: &JobInputs, monitor: Monitor<'_>) -> Computed {
     match inputs.job.request_json.as_str() {
         "succeed" => Ok(outcome(inputs)),
-        "fail" => Err(JobFailure::Failed {
-            problem_json: r#"{"code":"under_determined"}"#.into(),
-        }),
+        "fail" => Err(JobFailure::Failed(problem())),
         "panic" => panic!("the computation met something it did not expect"),
         "give up" => Err(JobFailure::Cancelled),
         "report progress, wait at the gate" => {

@@ -84,7 +84,7 @@ async fn assert_all_refused(store: &Store, lease: &Lease) {
     ));
     for end in [
         AttemptEnd::Finished(Box::new(an_outcome("stale"))),
-        AttemptEnd::Failed("{}".into()),
+        AttemptEnd::Failed(crate::computations::problem()),
         AttemptEnd::Cancelled,
         AttemptEnd::HandedBack,
         AttemptEnd::GaveUp,
@@ -466,9 +466,13 @@ fn a_waiting_job_is_cancelled_at_once_and_a_running_one_hears_of_it() {
         queue::cancel(store, &signals, &failing.id, "key_1")
             .await
             .unwrap();
-        queue::end(store, &lease, &AttemptEnd::Failed("{}".into()))
-            .await
-            .unwrap();
+        queue::end(
+            store,
+            &lease,
+            &AttemptEnd::Failed(crate::computations::problem()),
+        )
+        .await
+        .unwrap();
         let cancelled = jobs::get(store, &failing.id).await.unwrap();
         assert_eq!(
             (cancelled.status, cancelled.error_json),

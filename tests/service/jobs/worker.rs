@@ -205,9 +205,8 @@ fn a_computation_gets_everything_that_its_job_names() {
             "network": inputs.network.as_ref().map(|network| (&network.row.id, &network.weights)),
             "parameter_set": inputs.parameter_set.as_ref().map(|set| &set.row.id),
         });
-        Err(JobFailure::Failed {
-            problem_json: ids.to_string(),
-        })
+        let ids = kincal::wire::Problem::new(500, "internal", ids.to_string());
+        Err(JobFailure::Failed(Box::new(ids)))
     }
     for_each_engine(async |database| {
         let store = &database.store;
@@ -237,9 +236,10 @@ fn a_computation_gets_everything_that_its_job_names() {
         )
         .await
         .unwrap();
-        let problem: serde_json::Value =
+        let problem: kincal::wire::Problem =
             serde_json::from_str(&jobs::get(store, &job.id).await.unwrap().error_json.unwrap())
                 .unwrap();
+        let problem: serde_json::Value = serde_json::from_str(&problem.detail).unwrap();
         let expected = serde_json::json!({
             "robot": set.robot_id, "status": "running", "set": set.id, "verify_set": (verify.id, b"the bytes"), "frames": frames.id,
             "network": (before.network_id, [0, 1, 255]), "parameter_set": before.parameter_set_id,
@@ -255,10 +255,10 @@ fn a_computation_that_fails_fails_its_job_with_its_problem() {
         let job = a_lone_job(store, "fail").await;
         run_pending_jobs(store, &a_worker(LONG)).await.unwrap();
         let failed = jobs::get(store, &job.id).await.unwrap();
-        assert_eq!(
-            (failed.status, failed.error_json.as_deref()),
-            (JobStatus::Failed, Some(r#"{"code":"under_determined"}"#))
-        );
+        assert_eq!(failed.status, JobStatus::Failed);
+        let told: kincal::wire::Problem =
+            serde_json::from_str(&failed.error_json.unwrap()).unwrap();
+        assert_eq!(told, *crate::computations::problem());
         assert_eq!((failed.parameter_set_id, failed.network_id), (None, None));
     });
 }
