@@ -21,11 +21,31 @@ type Pose = (Vec<f64>, Vector3<f64>, Rotation3<f64>);
 /// Poses of the paper's robot with errors, as a tracker sees them.
 fn measured(n: usize) -> Vec<Pose> {
     let limits = [150.0, 60.0, 60.0, 150.0, 100.0, 150.0];
-    measured_of(n, Vector3::new(40.0, -20.0, 90.0), limits)
+    measured_of(n, Vector3::new(40.0, -20.0, 90.0), limits, NOISE)
+}
+
+/// The same poses of a fixed board, as a camera on the arm sees it: its noise is that of the board in the camera's frame.
+fn seen_by_a_carried_camera(n: usize) -> Vec<Pose> {
+    let mut random = ChaCha8Rng::seed_from_u64(25);
+    let mut vector = |size: f64| Vector3::from_fn(|_, _| random.random_range(-size..size));
+    let limits = [150.0, 60.0, 60.0, 150.0, 100.0, 150.0];
+    measured_of(n, Vector3::new(40.0, -20.0, 90.0), limits, (0.0, 0.0))
+        .into_iter()
+        .map(|(q_deg, position_mm, rotation)| {
+            let back = rotation.inverse();
+            let board_mm = -(back * position_mm) + vector(NOISE.0);
+            (q_deg, board_mm, back * rotation_exp(&vector(NOISE.1)))
+        })
+        .collect()
 }
 
 /// Poses of a target at joint values up to some limits, degrees.
-fn measured_of(n: usize, target_mm: Vector3<f64>, limits: [f64; 6]) -> Vec<Pose> {
+fn measured_of(
+    n: usize,
+    target_mm: Vector3<f64>,
+    limits: [f64; 6],
+    noise: (f64, f64),
+) -> Vec<Pose> {
     let mut random = ChaCha8Rng::seed_from_u64(24);
     let body: Value = serde_json::from_slice(&paper("robot.json")).unwrap();
     let mut of =
@@ -50,7 +70,7 @@ fn measured_of(n: usize, target_mm: Vector3<f64>, limits: [f64; 6]) -> Vec<Pose>
         targets_mm: vec![target_mm],
         target_rotations: vec![rotation_exp(&Vector3::new(0.4, 1.1, -0.7))],
     };
-    let mut vector = |size: f64| Vector3::from_fn(|_, _| random.random_range(-size..size));
+    let mut vector = |size: f64| Vector3::from_fn(|_, _| random.random_range(-1.0..1.0)) * size;
     (0..n)
         .map(|_| {
             let (a, b) = (vector(1.0), vector(1.0));
@@ -61,10 +81,10 @@ fn measured_of(n: usize, target_mm: Vector3<f64>, limits: [f64; 6]) -> Vec<Pose>
                 .map(|(x, limit)| x * limit)
                 .collect();
             let q_rad: Vec<f64> = q_deg.iter().map(|q| q.to_radians()).collect();
-            let turned = rotation_exp(&vector(NOISE.1));
+            let turned = rotation_exp(&vector(noise.1));
             (
                 q_deg,
-                truth.position(&q_rad, 0) + vector(NOISE.0),
+                truth.position(&q_rad, 0) + vector(noise.0),
                 truth.rotation(&q_rad, 0).unwrap() * turned,
             )
         })
@@ -114,13 +134,7 @@ async fn upload(app: &TestApp, robot: &str, query: &str, csv: &str) -> Answer {
 async fn poses_of_a_fixed_board_seen_by_a_carried_camera_are_named_and_taken() {
     let app = TestApp::with_workers(1).await;
     let robot = app.paper_robot().await;
-    let seen: Vec<Pose> = measured(80)
-        .into_iter()
-        .map(|(q_deg, position_mm, rotation)| {
-            let back = rotation.inverse();
-            (q_deg, -(back * position_mm), back)
-        })
-        .collect();
+    let seen = seen_by_a_carried_camera(80);
     let file = with_quaternions(&seen);
     let refused = upload(&app, &robot, "", &file).await;
     let refused = refused.problem(422, "rotation_suspect");
@@ -142,11 +156,7 @@ async fn poses_of_a_fixed_board_seen_by_a_carried_camera_are_named_and_taken() {
     let job = app.run(&robot, &request).await;
     let report = format!("/v1/jobs/{}/report", text(&job["id"]));
     let after = &app.get(&report).await.ok(200)["verify"]["after"];
-    // where the camera sees the board, the error of a position has that of the rotation, which here is noise of the flange's pose
-    let distances_mm = seen.iter().map(|(_, seen_mm, _)| seen_mm.norm());
-    let farthest_mm = distances_mm.fold(0.0, f64::max);
-    let most_mm = MOST.0 + MOST.1.to_radians() * farthest_mm;
-    assert!(after["rms_mm"].as_f64().unwrap() < most_mm, "{after}");
+    assert!(after["rms_mm"].as_f64().unwrap() < 2.0 * MOST.0, "{after}");
     for (query, code) in [
         (
             "frame=base&inverse_poses=true",
@@ -573,7 +583,7 @@ async fn right_rotations_are_not_refused() {
     }
     // the target stays at the centre of the wrist: positions do not say how the base is turned
     let wrist = Vector3::new(0.0, 0.0, -125.0);
-    let still = measured_of(20, wrist, [1e-9, 1e-9, 1e-9, 60.0, 60.0, 60.0]);
+    let still = measured_of(20, wrist, [1e-9, 1e-9, 1e-9, 60.0, 60.0, 60.0], NOISE);
     let kept = upload(&app, &robot, "", &with_quaternions(&still)).await;
     assert_ne!(kept.json()["code"], "rotation_suspect", "{}", kept.text());
     // a coarse instrument that says so
