@@ -134,6 +134,14 @@ FAULTS = [
          "let _ = base; let anchor = anchor_in(Base::Robot, &model, &nominal.links, has_tool);")], "src/compensation"),
     Fault("no final fit, no question", "service", "a_narrow_cloud_is_refused_without_a_final_fit", [
         ("let is_open = facts.report.tool_uncertainty_absent_because.is_some();", "let is_open = false;")], "src/release"),
+    Fault("one of two visits of a pose is a session", "core", "a_copy_of_one_of_several_visits", [
+        ("of_earlier[index].extend(rows);", "let _ = (index, rows);")]),
+    Fault("coarse numbers are a copy", "core", "sessions_with_coarse_numbers", [
+        ("rounding_mm(self.set) <= STEPS_PER_COPIED * copied_mm", "true")]),
+    Fault("sessions that differ say nothing", "service", "a_later_session_that_differs", [
+        ("[SESSIONS_DIFFER, FIT_DIVERGED]", "[FIT_DIVERGED, FIT_DIVERGED]")]),
+    Fault("text behind a port", "service", "hosts::", [
+        ("if is_host_and_port(&authority)", "if !authority.as_str().contains('@')")]),
     Fault("a later session of another set does not count", "service", "only_after_it_was_scored_on_later_sessions", [
         ("let only_warns = facts.is_rollback && !session.has_changed;", "let only_warns = true;")], "src/release"),
     Fault("a rollback across a collision", "service", "a_rollback_to_a_set_from_before_a_collision", [

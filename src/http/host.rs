@@ -67,9 +67,12 @@ fn host(request: &Request) -> Result<Option<Authority>, Error> {
 
 /// Whether nothing stands beside host and port. [`Authority`] reads `127.0.0.1:80.evil.example` as the host 127.0.0.1.
 fn is_host_and_port(authority: &Authority) -> bool {
-    let text = authority.as_str();
-    let port = text.strip_prefix(authority.host());
-    port.is_some_and(|port| port.is_empty() || port == ":" || authority.port_u16().is_some())
+    let behind = authority.as_str().strip_prefix(authority.host());
+    let is_port = |port: &str| {
+        port.bytes().all(|byte| byte.is_ascii_digit())
+            && (port.is_empty() || port.parse::<u16>().is_ok())
+    };
+    behind.is_some_and(|text| text.is_empty() || text.strip_prefix(':').is_some_and(is_port))
 }
 
 /// Checks a request to a server with `--no-auth`.
@@ -177,6 +180,8 @@ mod tests {
             ("127.0.0.1:evil", false),
             ("127.0.0.1:65536", false),
             ("[::1].evil.example", false),
+            ("[::1].evil.example:80", false),
+            ("localhost:+80", false),
             ("somebody@localhost", false),
         ] {
             let is_one = text.parse().is_ok_and(|parsed| is_host_and_port(&parsed));

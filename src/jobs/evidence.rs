@@ -31,7 +31,7 @@ pub struct Unreadable(pub String);
 /// Description of the points on which a set was verified when it was identified.
 const HELD_OUT: &str = "the points held out";
 /// Maximum number of later sessions without a score that are read. One such session is enough to refuse a set.
-const MAX_LATER: i64 = 20;
+pub(super) const MAX_LATER: usize = 20;
 
 /// Stored rows about a parameter set, not parsed yet.
 #[derive(Debug)]
@@ -98,7 +98,7 @@ pub async fn load(
     Ok(EvidenceRows {
         // Read first: if a job adds facts after this, the release fails with `ChecksOutdated`.
         n_verifications: verifications::count(store, &set.id).await?,
-        later: verifications::later_sessions(store, &set.id, MAX_LATER).await?,
+        later: verifications::later_sessions(store, &set.id, MAX_LATER as i64).await?,
         rows: verifications::of_set(store, &set.id).await?,
         n_without_facts: verifications::n_without_facts(store, &set.id).await?,
         last_check: last_check(store, &set.robot_id).await?,
@@ -233,7 +233,6 @@ fn unscored(later: LaterSession) -> std::result::Result<UnscoredSession, Unreada
     Ok(UnscoredSession {
         job_id: later.job_id,
         measurement_set_id: later.measurement_set_id,
-        seq: later.seq,
         has_changed,
     })
 }

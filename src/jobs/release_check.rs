@@ -1,6 +1,6 @@
 //! Checks whether a parameter set may be released: gathers the facts, compares the set with the active one, and runs the gates.
 
-use crate::jobs::evidence::{self, ParsedEvidence, Unreadable};
+use crate::jobs::evidence::{self, MAX_LATER, ParsedEvidence, Unreadable};
 use crate::jobs::{MeasurementSetInput, blocking};
 use crate::release::comparison::HeldOutPoints;
 use crate::release::guard_band::rule_in_force;
@@ -215,7 +215,7 @@ pub async fn check(
         Purpose::Release { .. } => compare(store, permit, &parsed).await?,
         Purpose::Rollback => Vec::new(),
     };
-    let unscored = unscored_session(store, permit, &parsed, robot.checked_seq).await?;
+    let unscored = unscored_session(store, permit, &parsed).await?;
     let (id, approver) = (row.id.clone(), request.approver.clone());
     let inputs = GateInputs {
         request,
@@ -317,16 +317,14 @@ async fn compare(
     Ok(comparisons)
 }
 
-/// The first later session on which the set was not scored. Sessions that a `checked` reason explains, and copies of the set's own upload, are left
-/// out. Reads one upload at a time.
+/// The first later session on which the set was not scored. Copies of the set's own upload are left out; if all that were read are copies, others may
+/// not have been read, and the last one counts. Reads one upload at a time.
 async fn unscored_session(
     store: &Store,
     permit: &(impl Clone + Send + 'static),
     parsed: &Arc<ParsedEvidence>,
-    checked_seq: i64,
 ) -> Result<Option<UnscoredSession>, ReleaseCheckError> {
-    let unexplained = |session: &&UnscoredSession| session.seq > checked_seq;
-    for session in parsed.unscored.iter().filter(unexplained) {
+    for session in &parsed.unscored {
         let upload = MeasurementSetInput::read(store, &session.measurement_set_id).await?;
         let parsed = Arc::clone(parsed);
         let is_copy = move || evidence::repeats_own_upload(&parsed, &upload);
@@ -334,7 +332,7 @@ async fn unscored_session(
             return Ok(Some(session.clone()));
         }
     }
-    Ok(None)
+    Ok(parsed.unscored.get(MAX_LATER - 1).cloned())
 }
 
 fn run_gates(

@@ -35,8 +35,6 @@ pub struct UnscoredSession {
     pub job_id: String,
     /// The session's upload.
     pub measurement_set_id: String,
-    /// Its number in the robot's counter.
-    pub seq: i64,
     /// Whether that job found that the robot has changed, or that the points do not fit it.
     pub has_changed: bool,
 }

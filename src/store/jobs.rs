@@ -151,7 +151,7 @@ macro_rules! columns {
          (select v.before_rms_mm from verification v where v.job_id = job.id) as before_rms_mm,
          (select v.after_rms_mm from verification v where v.job_id = job.id) as after_rms_mm,
          (select case when v.fit <> 'fits' then v.fit when v.n_points > 0 and v.is_better = 0 and v.parameter_set_id is not null and v.evidence <> 'none' then 'no_better_than_nominal'
-            when v.is_worse = 1 then 'worse_than_identified' end from verification v where v.job_id = job.id) as finding")
+            when v.is_worse = 1 then 'worse_than_identified' end from verification v where v.job_id = job.id and job.status = 'succeeded') as finding")
     };
 }
 

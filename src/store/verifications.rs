@@ -95,8 +95,6 @@ row! {
         pub job_id: String,
         /// The session's upload.
         pub measurement_set_id: String,
-        /// Its number in the robot's counter.
-        pub seq: i64,
         /// The summary of that job's report; empty if there is none.
         pub summary_json: String,
         /// Whether the other set was identified from the session and is unusable, or the session fits no robot.
@@ -182,7 +180,7 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     JOBS_WITHOUT,
 ];
 
-// The caller has locked the robot's row, so the counter has no gaps and no duplicates.
+// The caller has locked the robot's row, so the counter has no gaps and no duplicates. A job of kind verify or check identifies nothing.
 const INSERT: &str = "
     insert into verification (job_id, robot_id, parameter_set_id, kind, seq, n_points, before_rms_mm, after_rms_mm, is_better, fit, evidence,
         is_repeat, check_seq, uncertainty_mm, after_expanded_mm, is_worse, measured_seq)
@@ -191,7 +189,7 @@ const INSERT: &str = "
         $2, (select coalesce(max(v.seq), 0) + 1 from verification v where v.robot_id = j.robot_id), $3,
         nullif($4, cast(-1 as double precision)), nullif($5, cast(-1 as double precision)), $6, $7, $8,
         $9, $11, nullif($10, cast(-1 as double precision)), nullif($12, cast(-1 as double precision)), $13, $14
-    from job j where j.id = $1
+    from job j where j.id = $1 and ($2 <> 'identification' or j.kind = 'identify')
     on conflict (job_id) do nothing";
 
 const OF_JOB: &str = concat!(rows!(), " where v.job_id = $1");
@@ -221,13 +219,15 @@ const COUNT: &str = "select count(*) from verification where robot_id = (select 
 // block a release. Uploads without an entry are older than the chain; among these, and for the
 // same upload, the order of the jobs decides. Jobs that repeat uploads from before a session that did not fit are left out, because they show nothing
 // new. A job with several sessions is not left out, because one repeated session must not hide the others.
+// Of the jobs on the same bytes, the newest counts, and one that fits before one that does not: a file that was read in a wrong way first says nothing.
+// Sessions from before a `checked` request are explained.
 const LATER_SESSIONS: &str = concat!(
     "
     with own as (
-        select v.robot_id as robot_id, v.seq as seq, ",
+        select v.robot_id as robot_id, v.seq as seq, r.checked_seq as checked_seq, ",
     points_seq!(),
     " as uploaded
-        from parameter_set p join verification v on v.job_id = p.job_id where p.id = $1),
+        from parameter_set p join verification v on v.job_id = p.job_id join robot r on r.id = v.robot_id where p.id = $1),
     later as (
         select v.job_id as job_id, u.measurement_set_id as measurement_set_id, v.seq as seq, coalesce(r.summary_json, '') as summary_json,
             cast(case when v.kind = $2 and v.fit <> $3 then 1 else 0 end as bigint) as is_unusable, ",
@@ -236,13 +236,18 @@ const LATER_SESSIONS: &str = concat!(
         from own join verification v on v.robot_id = own.robot_id join job_upload u on u.job_id = v.job_id
             left join report_summary r on r.job_id = v.job_id
         where (v.kind = $2 or (v.fit <> $5 and v.evidence <> $6))
-            and (v.is_repeat = 0 or exists (select 1 from job_session o where o.job_id = v.job_id)))
-    select v.job_id as job_id, v.measurement_set_id as measurement_set_id, v.seq as seq, v.summary_json as summary_json, v.is_unusable as is_unusable
-    from later v join own on (v.uploaded > own.uploaded or (v.uploaded = own.uploaded and v.seq > own.seq))
-    where not exists (select 1 from verification s join job k on k.id = s.job_id
+            and (v.is_repeat = 0 or exists (select 1 from job_session o where o.job_id = v.job_id))),
+    ranked as (
+        select v.*, row_number() over (
+            partition by case when v.uploaded > 0 then cast(v.uploaded as text) else v.measurement_set_id end
+            order by v.is_unusable, v.seq desc) as nth
+        from later v)
+    select v.job_id as job_id, v.measurement_set_id as measurement_set_id, v.summary_json as summary_json, v.is_unusable as is_unusable
+    from ranked v join own on (v.uploaded > own.uploaded or (v.uploaded = own.uploaded and v.seq > own.seq))
+    where v.nth = 1 and v.seq > own.checked_seq and not exists (select 1 from verification s join job k on k.id = s.job_id
             where s.parameter_set_id = $1 and (k.measurement_set_id = v.measurement_set_id or k.verify_set_id = v.measurement_set_id
                 or exists (select 1 from job_session w where w.job_id = k.id and w.measurement_set_id = v.measurement_set_id)))
-    order by v.seq, v.measurement_set_id limit cast($4 as bigint)"
+    order by v.is_unusable desc, v.seq desc limit cast($4 as bigint)"
 );
 
 // Counts jobs that an older version of kincal ended and that have no facts yet.
@@ -348,8 +353,8 @@ pub async fn count(store: &Store, parameter_set_id: &str) -> Result<i64> {
     read::value(store.readers(), COUNT, parameter_set_id).await
 }
 
-/// Sessions uploaded after the points of this parameter set, from which another set was identified or on which one was scored, but not this one. At
-/// most `limit`, in order.
+/// Sessions uploaded after the points of this parameter set, from which another set was identified or on which one was scored, but not this one, and
+/// which no `checked` request explains. At most `limit`: first those that fit no robot, then the newest.
 pub async fn later_sessions(
     store: &Store,
     parameter_set_id: &str,

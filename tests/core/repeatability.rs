@@ -212,6 +212,36 @@ fn a_copy_of_one_of_several_visits_of_each_pose_is_no_new_session() {
     }
 }
 
+/// Rounded numbers of two measurements may be equal, and where a robot has changed, the differences are a smooth field.
+#[test]
+fn sessions_with_coarse_numbers_and_of_a_changed_robot_are_new() {
+    let nominal = paper_robot();
+    for seed in 0..8 {
+        let mut random = Normal::new(500 + seed);
+        let truth = true_robot(&nominal, 1, &mut random);
+        let poses = poses(60, &mut random);
+        let rounded = |mut set: MeasurementSet, step_mm: f64| {
+            for point in &mut set.points {
+                point.position_mm = point.position_mm.map(|x| (x / step_mm).round() * step_mm);
+            }
+            set
+        };
+        let first = measure(&truth, &poses, &Campaign::PLAIN, &mut random);
+        let second = measure(&truth, &poses, &Campaign::PLAIN, &mut random);
+        let [before, after] = [&first, &second].map(|set| rounded(set.clone(), 0.1));
+        assert!(is_anew(&nominal, &before, &after), "0.1 mm, seed {seed}");
+        for (joint, deg) in [(1, 0.1), (1, 0.5), (2, 0.2)] {
+            let mut changed = truth.clone();
+            changed.links[joint].theta_offset_rad += f64::to_radians(deg);
+            let after = measure(&changed, &poses, &Campaign::PLAIN, &mut random);
+            assert!(
+                is_anew(&nominal, &first, &after),
+                "joint {joint}, {deg}°, seed {seed}"
+            );
+        }
+    }
+}
+
 /// Positions are converted to another temperature by a common factor.
 #[test]
 fn another_scale_makes_no_new_session_of_a_copy() {

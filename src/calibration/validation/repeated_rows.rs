@@ -57,6 +57,10 @@ const SIGNIFICANT: f64 = 5.0;
 /// A row is a copy of an earlier row if both differ by less than this share of what measurements of one pose differ by (the upper quartile). By
 /// chance, three coordinates are that near in two of a thousand rows.
 const COPIED: f64 = 0.1;
+/// Positions may be rounded to at most this many times that length: of coarser numbers, those of two measurements may be equal.
+const STEPS_PER_COPIED: f64 = 1.5;
+/// Differences of one pose (the upper quartile) over the errors of a fit to one visit (the median): √2 · 2.03/1.54, three normal coordinates.
+const DIFFERENCE_PER_ERROR: f64 = 1.86;
 /// The placement is found anew in so many rounds, each time from one in three rows, those that agree best: three files may have been joined.
 const ALIGNED_ROUNDS: usize = 8;
 const ALIGNED_SHARE: usize = 3;
@@ -222,6 +226,7 @@ impl<'a> Later<'a> {
                 .into_iter()
                 .partition(|pair| pair.reading_rad <= SAME_READING_RAD);
             let is_reread = positions_follow_readings(&reread);
+            visits.retain(|pair| !(is_reread && pair.reading_rad > SAME_READING_RAD));
             pairs = same;
             pairs.extend(reread.into_iter().filter(|_| !is_reread));
         }
@@ -280,16 +285,40 @@ impl<'a> Later<'a> {
             placed.remove_placement_of(&mut near, n_rows.div_ceil(ALIGNED_SHARE), points);
         }
         let chances = n_uploads as f64 * visits.len() as f64 / n_rows as f64;
-        let copied_mm = COPIED * typical_mm / libm::cbrt(chances);
-        near.retain(|pair| length_mm(pair) < copied_mm);
-        near.into_iter().map(|pair| pair.row).collect()
+        let copied = |typical_mm: f64| -> Vec<usize> {
+            let copied_mm = COPIED * typical_mm / libm::cbrt(chances);
+            let is_told = rounding_mm(self.set) <= STEPS_PER_COPIED * copied_mm;
+            let copies = near.iter().filter(|pair| length_mm(pair) < copied_mm);
+            copies.filter(|_| is_told).map(|pair| pair.row).collect()
+        };
+        let rows = copied(typical_mm);
+        if rows.is_empty() {
+            return rows;
+        }
+        // a robot that has changed differs by more than its noise
+        let error_mm = self.fitted().and_then(|model| {
+            let residual =
+                |p: &Point| p.position_mm - position(self.robot, model, &p.q_rad, p.target);
+            median(points.iter().map(|p| residual(p).norm()))
+        });
+        let noise_mm = error_mm.map_or(typical_mm, |mm| DIFFERENCE_PER_ERROR * mm);
+        copied(typical_mm.min(noise_mm))
+    }
+
+    /// The robot fitted to the upload; `None` if it cannot be.
+    fn fitted(&self) -> Option<&KinematicModel> {
+        let fitted = || {
+            let observations = observations(self.robot, self.set);
+            fitted_as_well_as_can_be(&self.robot.links, &observations)
+        };
+        self.fitted.get_or_init(fitted).as_ref()
     }
 
     /// True if the changes are correlated with the residuals of both measurements as new noise requires.
     fn noise_is_new(&self, alike: &Alike<'_>) -> bool {
         let robot = self.robot;
         let fitted = |set| fitted_as_well_as_can_be(&robot.links, &observations(robot, set));
-        let Some(after) = self.fitted.get_or_init(|| fitted(self.set)) else {
+        let Some(after) = self.fitted() else {
             return false;
         };
         let residual = |model: &KinematicModel, point: &Point| {
@@ -326,6 +355,17 @@ impl<'a> Later<'a> {
             false => runs_against(before, 1.0),
         }
     }
+}
+
+/// The step that the positions are rounded to, mm: the largest power of ten, up to 1 mm, that all are multiples of. 0 below 1 nm.
+fn rounding_mm(set: &MeasurementSet) -> f64 {
+    let is_multiple = |step_mm: f64| {
+        let mut all = set.points.iter().flat_map(|p| p.position_mm.iter());
+        all.all(|x| (x / step_mm - (x / step_mm).round()).abs() < 1e-3)
+    };
+    let steps_mm = [1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6];
+    let found = steps_mm.into_iter().find(|step_mm| is_multiple(*step_mm));
+    found.unwrap_or(0.0)
 }
 
 /// True if the positions follow the joint readings from one visit of a pose to the next.

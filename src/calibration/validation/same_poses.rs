@@ -17,7 +17,7 @@ const COMPARED_ROWS: usize = 100;
 /// Maximum number of rows that the robot is fitted to, evenly from the whole set.
 const MAX_FITTED: usize = 2_000;
 /// Maximum number of earlier visits of a row's pose that the row is compared with.
-const MAX_VISITS: usize = 50;
+const MAX_VISITS: usize = 20;
 /// Singular values below this share of the largest diagonal element are rounding errors.
 const ROUNDING: f64 = 1e-9;
 /// Step of a joint for computing how far it moves the reflector, rad.

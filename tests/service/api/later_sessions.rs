@@ -125,6 +125,36 @@ async fn a_later_session_that_differs_or_fits_no_robot_stands_against_an_older_s
 }
 
 #[tokio::test]
+async fn sessions_that_are_explained_do_not_hide_a_later_one() {
+    let app = TestApp::with_workers(2).await;
+    let robot = app.paper_robot().await;
+    let mut random = Normal::new(36);
+    let before = with_noise(&rows("first.csv"), 0.03, &mut random);
+    let before = upload(&app, &robot, &before).await;
+    let set = identified(&app, &robot, &before).await;
+    for deg in [1.0, 2.0] {
+        for _ in 0..12 {
+            let mut turned = with_noise(&rows("followup_unchanged.csv"), 0.03, &mut random);
+            turned.iter_mut().for_each(|row| row[2] += deg);
+            let after = upload(&app, &robot, &turned).await;
+            let request =
+                json!({"measurement_set_ids": [before, after], "method": "least_squares"});
+            assert_eq!(app.run(&robot, &request).await["status"], "failed");
+        }
+    }
+    assert!(fails(&app, &set, "scored_on_later_sessions").await);
+    let reason = json!({"reason": "a gripper was mounted during these measurements"});
+    app.post_json(&format!("{robot}/checked"), &reason)
+        .await
+        .ok(200);
+    assert!(!fails(&app, &set, "scored_on_later_sessions").await);
+    let later = with_noise(&rows("followup_collision.csv"), 0.03, &mut random);
+    let later = upload(&app, &robot, &later).await;
+    identified(&app, &robot, &later).await;
+    assert!(fails(&app, &set, "scored_on_later_sessions").await);
+}
+
+#[tokio::test]
 async fn a_copy_of_an_old_upload_is_as_old_as_the_original() {
     let app = TestApp::with_workers(1).await;
     let robot = app.paper_robot().await;
