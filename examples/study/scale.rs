@@ -122,7 +122,7 @@ pub async fn study(arguments: &[String]) {
     })
     .await;
     for lease in &claimed {
-        queue::end(&store, lease, &AttemptEnd::Failed("{}".into()))
+        queue::end(&store, lease, &AttemptEnd::Cancelled)
             .await
             .expect("the lease is ours");
     }
