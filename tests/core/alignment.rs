@@ -281,7 +281,10 @@ fn an_unmastered_joint_alone_warns_and_names_the_joint() {
             Some(Explanation::Warning {
                 code: "joint_offset_suspect",
                 detail,
-            }) => assert!(detail.contains("(joint 3)"), "{name}: {detail}"),
+            }) => {
+                assert!(detail.contains("(joint 3)"), "{name}: {detail}");
+                assert!(detail.ends_with("an unmastered joint?"), "{detail}");
+            }
             None => {} // a small arm: 4° are less than the limit
             Some(Explanation::Warning {
                 code: "poor_alignment",
@@ -439,7 +442,11 @@ fn a_turn_about_joint_1_alone_is_an_unmastered_joint_up_to_45_degrees_and_anothe
             Some(Explanation::Warning {
                 code: "joint_offset_suspect",
                 detail,
-            }) if turn_deg.abs() < 45.0 => assert!(detail.contains("(joint 1)"), "{detail}"),
+            }) if turn_deg.abs() < 45.0 => {
+                assert!(detail.contains("(joint 1)"), "{detail}");
+                let both = "a frame that is turned about axis 1, which looks the same";
+                assert!(detail.contains(both), "{detail}");
+            }
             Some(Explanation::Refusal(found)) if turn_deg.abs() > 45.0 => {
                 assert_eq!(found.code, "frame_suspect", "{turn_deg}: {found:?}");
             }

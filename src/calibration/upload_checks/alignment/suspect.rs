@@ -9,7 +9,7 @@ use super::fitting::{
 };
 use super::hypotheses::{Hypothesis, hypotheses};
 use super::joint_maps;
-use super::texts::{in_words, mm, offsets};
+use super::texts::{in_words, mm, names_first_joint, offsets};
 use crate::identification::model::objective::Observation;
 use crate::kinematics::Robot;
 use crate::measurement::{Frame, MeasurementSet, Point};
@@ -27,6 +27,7 @@ const SMALL_JOINT_RANGE_RAD: f64 = 0.349;
 const MAX_JOINTS: usize = 7;
 /// Minimum number of distinct poses for telling that other signs fit as well.
 const MIN_FOR_SIGNS: usize = 12;
+
 /// A possible cause, and how well the robot then fits.
 pub struct Supposed {
     pub what: What,
@@ -414,12 +415,19 @@ impl<'a> Suspect<'a> {
         Some(self.frame(&with(supposed.rms_mm), &also))
     }
 
-    /// Warning that names joints that were probably never mastered.
+    /// Warning that names joints that were probably never mastered. A base frame that is turned about axis 1 has the effect of joint 1.
     pub fn unmastered(&self, zeros: &Zeroed) -> Option<Explanation> {
+        let off = offsets(zeros)?;
+        let why = match self.frame == Frame::Base && names_first_joint(zeros) {
+            true => {
+                "joint 1 was not mastered, or the positions are in a frame that is turned about axis 1, which looks the same: look whether joint 1 \
+                 stands at its mark at 0°, and if it does, read them in the frame instrument"
+            }
+            false => "an unmastered joint?",
+        };
         let detail = format!(
-            "the nominal robot fits these points only to {} mm; with joint values that are off by {} it fits to {} mm: an unmastered joint?",
+            "the nominal robot fits these points only to {} mm; with joint values that are off by {off} it fits to {} mm: {why}",
             mm(self.off_mm),
-            offsets(zeros)?,
             mm(zeros.rms_mm)
         );
         Some(Explanation::Warning {

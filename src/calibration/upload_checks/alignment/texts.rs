@@ -28,6 +28,12 @@ pub fn offsets(zeros: &Zeroed) -> Option<String> {
     (!words.is_empty()).then(|| words.join(", "))
 }
 
+/// True if [`offsets`] names joint 1.
+pub fn names_first_joint(zeros: &Zeroed) -> bool {
+    let first_rad = zeros.offsets_rad.first();
+    first_rad.is_some_and(|offset_rad| offset_rad.to_degrees().abs() > OFFSET_DEG)
+}
+
 /// A joint map in the form of a robot's JSON.
 pub fn in_words(map: &JointMap) -> String {
     let list = |values: &mut dyn Iterator<Item = f64>| {
