@@ -869,6 +869,28 @@ fn poses_repeated_with_the_jitter_of_encoders_are_no_new_equations() {
 }
 
 #[test]
+fn rows_of_an_instrument_that_lost_its_target_are_named_at_the_upload() {
+    let stale = |set: &MeasurementSet| {
+        let robot = paper_robot();
+        let warnings = upload_checks::warnings(&robot, set);
+        let found = warnings.into_iter().find(|w| w.code == "position_repeated");
+        found.map(|warning| warning.rows)
+    };
+    let set = request("first_noisy.csv", Method::Auto, Preset::Default).set;
+    assert_eq!(stale(&set), None);
+    let mut lost = set.clone();
+    let last_seen_mm = lost.points[10].position_mm;
+    for point in &mut lost.points[11..21] {
+        point.position_mm = last_seen_mm;
+    }
+    assert_eq!(stale(&lost), Some((11..21).collect()));
+    // the same row twice is a repeated row, and no lost target
+    let mut twice = set.clone();
+    twice.points.extend(set.points[..10].to_vec());
+    assert_eq!(stale(&twice), None);
+}
+
+#[test]
 fn as_many_equations_as_unknowns_are_said_to_leave_nothing_to_judge_by() {
     // 18 combinations
     for (n_points, is_said) in [(7, false), (6, true)] {

@@ -11,13 +11,17 @@ use crate::calibration::validation::enough_points::{Serves, serves};
 use crate::calibration::{CalibrationRequest, Error, check};
 use crate::kinematics::Robot;
 use crate::measurement::{Frame, MeasurementSet, Point, split};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// A joint that has moved by more than this has moved the target by more than an instrument resolves, rad (1°).
+const MOVED_RAD: f64 = 0.0175;
 
 /// Warnings for the uploader of a set. The set is stored in spite of them.
 pub fn warnings(robot: &Robot, set: &MeasurementSet) -> Vec<Warning> {
     let mut warnings = Vec::new();
     warnings.extend(too_small(robot, set));
     warnings.extend(duplicates(set));
+    warnings.extend(stale_positions(set));
     warnings.extend(still_joints(set));
     warnings.extend(narrow_cloud(robot, set));
     if split::has_column(set)
@@ -97,6 +101,31 @@ fn duplicates(set: &MeasurementSet) -> Option<Warning> {
     );
     (!rows.is_empty()).then_some(Warning {
         code: "duplicate_poses",
+        detail,
+        rows,
+    })
+}
+
+/// Warning about rows with exactly the position of an earlier row although a joint has moved: an instrument that lost its target repeats what it
+/// last saw.
+fn stale_positions(set: &MeasurementSet) -> Option<Warning> {
+    let mut seen: BTreeMap<(usize, [u64; 3]), usize> = BTreeMap::new();
+    let mut rows = Vec::new();
+    for (row, point) in set.points.iter().enumerate() {
+        let position = point.position_mm.map(f64::to_bits).into();
+        let first = *seen.entry((point.target, position)).or_insert(row);
+        let joints = point.q_rad.iter().zip(&set.points[first].q_rad);
+        let moved_rad = joints.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        if moved_rad > MOVED_RAD {
+            rows.push(row);
+        }
+    }
+    let detail = format!(
+        "{} rows have exactly the position of an earlier row although joints have moved: did the instrument lose its target?",
+        rows.len()
+    );
+    (rows.len() > 1).then_some(Warning {
+        code: "position_repeated",
         detail,
         rows,
     })
