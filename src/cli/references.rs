@@ -1,11 +1,13 @@
 //! `kincal references`: lengths with a certificate that the instrument measured.
 
-use super::files::read;
+use super::files::{BYTE_ORDER_MARK, read};
 use super::subject::{OfRobot, checked};
 use super::text_table;
 use super::usage::Usage;
+use crate::measurement::Decimal;
+use crate::measurement::csv::number_text::value;
 use crate::wire::reference::{ReferenceBody, ReferenceLengthBody};
-use anyhow::Context;
+use serde::Deserialize;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
@@ -110,32 +112,82 @@ fn in_words(items: &[Value]) -> String {
     text_table::columns(&names, &items.iter().map(row).collect::<Vec<_>>())
 }
 
-/// The lengths of a CSV file.
+/// A row as text, because the decimal mark depends on the separator.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Row {
+    name: String,
+    nominal_mm: String,
+    measured_mm: String,
+    std_mm: String,
+}
+
+/// The lengths of a CSV file: with commas and decimal points, or with semicolons and decimal commas or points.
 fn lengths(file: &Path) -> anyhow::Result<Vec<ReferenceLengthBody>> {
-    let bytes = read(file)?;
+    parse(&read(file)?).map_err(|why| {
+        let columns = "its columns are name, nominal_mm, measured_mm, std_mm";
+        Usage(format!("{}: {why}; {columns}", file.display())).into()
+    })
+}
+
+fn parse(bytes: &[u8]) -> Result<Vec<ReferenceLengthBody>, String> {
+    let bytes = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
+    let header = bytes.split(|byte| *byte == b'\n').next();
+    let delimiter = match header.is_some_and(|header| header.contains(&b';')) {
+        true => b';',
+        false => b',',
+    };
     let mut reader = csv::ReaderBuilder::new()
         .trim(csv::Trim::All)
-        .from_reader(bytes.as_slice());
-    let wrong = |why: String| {
-        Usage(format!(
-            "{}: {why}; its columns are name, nominal_mm, measured_mm, std_mm",
-            file.display()
-        ))
+        .delimiter(delimiter)
+        .from_reader(bytes);
+    let rows = reader.deserialize::<Row>().zip(2..);
+    let length = |(row, line): (Result<Row, csv::Error>, usize)| {
+        let row = row.map_err(|error| error.to_string())?;
+        let number = |cell: &str| {
+            let decimal = match delimiter == b';' && cell.contains(',') {
+                true => Decimal::Comma,
+                false => Decimal::Point,
+            };
+            value(cell, decimal).ok_or_else(|| format!("line {line}: {cell:?} is not a number"))
+        };
+        Ok(ReferenceLengthBody {
+            nominal_mm: number(&row.nominal_mm)?,
+            measured_mm: number(&row.measured_mm)?,
+            std_mm: number(&row.std_mm)?,
+            name: row.name,
+        })
     };
-    let rows = reader.deserialize::<ReferenceLengthBody>();
-    let rows: Vec<ReferenceLengthBody> = rows
-        .collect::<Result<_, _>>()
-        .map_err(|error| wrong(error.to_string()))?;
-    if rows.is_empty() {
-        return Err(wrong("it has no row".into())).context("a reference has one length at least");
+    let lengths: Vec<_> = rows.map(length).collect::<Result<_, String>>()?;
+    match lengths.is_empty() {
+        true => Err("it has no row, and a reference has one length at least".into()),
+        false => Ok(lengths),
     }
-    Ok(rows)
 }
 
 #[cfg(test)]
 mod tests {
-    use super::in_words;
+    use super::{in_words, parse};
     use serde_json::json;
+
+    #[test]
+    fn lengths_are_read_with_points_and_with_commas() {
+        let points = "name,nominal_mm,measured_mm,std_mm\nbar 1,1000.012,1000.031,0.004\n";
+        let commas =
+            "\u{feff}name;nominal_mm;measured_mm;std_mm\r\nbar 1;1000,012;1000,031;0,004\r\n";
+        let semicolons = "name;nominal_mm;measured_mm;std_mm\nbar 1;1000.012;1000.031;0.004\n";
+        let expected = parse(points.as_bytes()).unwrap();
+        assert_eq!(expected[0].measured_mm, 1000.031);
+        for text in [commas, semicolons] {
+            assert_eq!(parse(text.as_bytes()).unwrap(), expected, "{text}");
+        }
+        let wrong = "name;nominal_mm;measured_mm;std_mm\nbar 1;1.000,012;x;0,004\n";
+        assert_eq!(
+            parse(wrong.as_bytes()).unwrap_err(),
+            "line 2: \"x\" is not a number"
+        );
+        assert!(parse(b"name,nominal_mm,measured_mm,std_mm\n").is_err());
+    }
 
     #[test]
     fn the_instrument_stands_under_its_heading() {
