@@ -262,6 +262,10 @@ impl Reader {
                     }
                     None => self.wrong(&pointer, "a list of columns"),
                 },
+                "rotation" => {
+                    let detail = "the convention of angles is no column: state it beside the mapping, as rotation=intrinsic_xyz (--rotation intrinsic_xyz)";
+                    self.checker.note(&pointer, "unknown_meaning", detail);
+                }
                 _ if !is_meaning(name) => {
                     let detail = format!(
                         "unknown key {name:?}; known are q1_deg … (or _rad _gon), x_mm y_mm z_mm (or _m _cm _um _in), {}, name, number, time_s; or \
