@@ -6,6 +6,7 @@ import { el, fill, problem, say, table, warning } from "./dom.js";
 import { capital, error, fixed, mm, signed, when } from "./format.js";
 import { best, state } from "./history.js";
 import { facts } from "./robots.js";
+import { conventionChoice } from "./rotations.js";
 import { saveBytes } from "./save.js";
 import { foundAgainst } from "./verdicts.js";
 
@@ -67,13 +68,14 @@ function form(robot, sets, doubtOf, out) {
     options(named, [["", "reflector, or as typed"], ...cell.tools.map(({ name }) => [name, name])]);
   };
   const tool = ["x", "y", "z"].map((axis) => el("input", { type: "number", step: "any", "aria-label": `Tool ${axis}, mm`, placeholder: axis }));
+  const rotation = conventionChoice("correct-rotation");
   const file = el("input", { id: "correct-file", type: "file", accept: ".csv,.txt,.tsv,.xlsx,.ods,text/csv", required: true });
   const correct = async (unit) => {
     fill(out, el("p.quiet", {}, "Correcting …"));
     try {
       const [program] = file.files;
       const typed = ["x", "y", "z"].map((axis, i) => [`tool_${axis}_mm`, tool[i].value]).filter(([, value]) => value !== "");
-      const stated = new URLSearchParams([["mode", mode.value], ["frame", frame.value], ...named.value ? [["tool_name", named.value]] : [], ...typed, ...unit ? [["columns", JSON.stringify({ joint_unit: unit })]] : []]);
+      const stated = new URLSearchParams([["mode", mode.value], ["frame", frame.value], ...named.value ? [["tool_name", named.value]] : [], ...typed, ...rotation.value ? [["rotation", rotation.value]] : [], ...unit ? [["columns", JSON.stringify({ joint_unit: unit })]] : []]);
       const answer = await post(`/v1/parameter-sets/${set.value}/compensate-program?${stated}`, program, "text/csv");
       const posesIn = frame.value === "measuring" ? "robot's base frame, which the controller knows" : frame.selectedOptions[0].textContent;
       fill(out, corrected(answer, { name: program.name, posesIn, set: chosen(), doubt: doubtOf(chosen()) }));
@@ -86,8 +88,8 @@ function form(robot, sets, doubtOf, out) {
     event.preventDefault();
     if (file.files.length > 0) correct();
   };
-  const node = el("form.card", { submit }, doubted, el("div.fields.wide", {}, setField, modeField, namedField, el("fieldset", {}, el("legend", {}, "Or its centre point in the flange frame, mm"), el("div.controls", {}, tool)), frameField),
-    el("label", { for: "correct-file" }, `A table (CSV, xlsx, ods) with q1_deg … q${robot.links.length}_deg (or _rad), or with J1 … J${robot.links.length} or A1 … A${robot.links.length}. With x_mm y_mm z_mm and quat_w quat_x quat_y quat_z its targets are Cartesian, and the joint values near ones. Everything else stays as it is`), el("div.fields", {}, file), el("button.primary", { type: "submit" }, "Correct"));
+  const node = el("form.card", { submit }, doubted, el("div.fields.wide", {}, setField, modeField, namedField, el("fieldset", {}, el("legend", {}, "Or its centre point in the flange frame, mm"), el("div.controls", {}, tool)), frameField, el("div", {}, el("label", { for: "correct-rotation" }, "Angles rx_deg ry_deg rz_deg of Cartesian targets"), rotation)),
+    el("label", { for: "correct-file" }, `A table (CSV, xlsx, ods) with q1_deg … q${robot.links.length}_deg (or _rad), or with J1 … J${robot.links.length} or A1 … A${robot.links.length}. With x_mm y_mm z_mm and quat_w quat_x quat_y quat_z (or rx_deg ry_deg rz_deg) its targets are Cartesian, and the joint values near ones. Everything else stays as it is`), el("div.fields", {}, file), el("button.primary", { type: "submit" }, "Correct"));
   return { node, offer };
 }
 

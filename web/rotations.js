@@ -1,4 +1,6 @@
-// How controllers write a rotation, and the quaternion of each.
+// How controllers and files write a rotation, and the quaternion of each.
+
+import { el } from "./dom.js";
 
 const RAD = Math.PI / 180;
 
@@ -39,3 +41,12 @@ export function apart(a, b) {
   const [w, ...v] = times([a[0], -a[1], -a[2], -a[3]], b);
   return 2 * Math.atan2(Math.hypot(...v), Math.abs(w)) / RAD;
 }
+
+/** Conventions of angles that instruments and controllers write: [name in the interface, words]. */
+const COMMON = [["rotation_vector", "rotation vector (UR)"], ["extrinsic_xyz", "about the fixed x, y, z (FANUC W P R; KUKA C B A)"], ["intrinsic_xyz", "about x, the new y, the new z"], ["intrinsic_zyx", "about z, the new y, the new x"], ["intrinsic_zyz", "about z, the new y, the new z"], ["extrinsic_zyx", "about the fixed z, y, x"], ["extrinsic_zyz", "about the fixed z, y, z"]];
+/** Every other sequence that the service knows. */
+const OTHERS = ["extrinsic", "intrinsic"].flatMap((kind) => ["xyz", "xyx", "xzx", "xzy", "yxy", "yxz", "yzx", "yzy", "zxy", "zxz", "zyx", "zyz"].map((axes) => `${kind}_${axes}`)).filter((name) => COMMON.every(([common]) => common !== name));
+
+/** How the three angles of a file are written; a refusal names a convention as it stands here. */
+export const conventionChoice = (id) => el("select", { id }, el("option", { value: "" }, "not stated"), COMMON.map(([name, words]) => el("option", { value: name }, `${name}: ${words}`)),
+  el("optgroup", { label: "Other sequences: intrinsic turns about the new axes, extrinsic about the fixed ones" }, OTHERS.map((name) => el("option", { value: name }, name))));

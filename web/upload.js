@@ -10,6 +10,7 @@ import { posesOf } from "./poses.js";
 import { referenceChoice } from "./references.js";
 import { equallyGood } from "./joint_maps.js";
 import { asksForChoice, inPageWords, remedies } from "./remedies.js";
+import { conventionChoice } from "./rotations.js";
 import { sheetsIn, twoSheets } from "./sheets.js";
 import { SUSPICIONS } from "./words.js";
 
@@ -69,15 +70,6 @@ function uploadForm(context) {
   return el("div", {}, frames, instrument.node, stated.node, record.node, drop, out);
 }
 
-/** Conventions of angles that instruments and controllers write: [name in the interface, words]. */
-const COMMON = [["rotation_vector", "rotation vector (UR)"], ["extrinsic_xyz", "about the fixed x, y, z (FANUC W P R; KUKA C B A)"], ["intrinsic_xyz", "about x, the new y, the new z"], ["intrinsic_zyx", "about z, the new y, the new x"], ["intrinsic_zyz", "about z, the new y, the new z"], ["extrinsic_zyx", "about the fixed z, y, x"], ["extrinsic_zyz", "about the fixed z, y, z"]];
-/** Every other sequence that the service knows. */
-const OTHERS = ["extrinsic", "intrinsic"].flatMap((kind) => ["xyz", "xyx", "xzx", "xzy", "yxy", "yxz", "yzx", "yzy", "zxy", "zxz", "zyx", "zyz"].map((axes) => `${kind}_${axes}`)).filter((name) => COMMON.every(([common]) => common !== name));
-
-/** How angles of a measured rotation are written; a refusal names a convention as it stands here. */
-const rotationChoice = () => el("select", { id: "stated-rotation" }, el("option", { value: "" }, "not stated"), COMMON.map(([name, words]) => el("option", { value: name }, `${name}: ${words}`)),
-  el("optgroup", { label: "Other sequences: intrinsic turns about the new axes, extrinsic about the fixed ones" }, OTHERS.map((name) => el("option", { value: name }, name))));
-
 /** How numbers are written in a table. */
 const DECIMALS = [["", "as the file shows"], ["point", "12.5, with a point"], ["comma", "12,5, with a comma"]];
 
@@ -85,7 +77,7 @@ const DECIMALS = [["", "as the file shows"], ["point", "12.5, with a point"], ["
 function statedForm(robot, frames) {
   const serial = el("input", { id: "stated-serial", type: "text", maxlength: 200, autocomplete: "off", placeholder: "on the type plate" });
   const pick = (id, options) => el("select", { id }, options.map(([value, words]) => el("option", { value }, words)));
-  const [rotation, decimal] = [rotationChoice(), pick("stated-decimal", DECIMALS)];
+  const [rotation, decimal] = [conventionChoice("stated-rotation"), pick("stated-decimal", DECIMALS)];
   // the board's frame is the instrument's
   const board = el("input", { id: "stated-board", type: "checkbox", change: () => { if (board.checked) { frames.querySelector("[value=instrument]").checked = true; frames.dispatchEvent(new Event("change")); } } });
   const field = (input, label) => el("div", {}, el("label", { for: input.id }, label), input);

@@ -2,13 +2,14 @@
 
 use super::client::ServerArguments;
 use super::column_options::ColumnOptions;
-use super::files::{cannot_be_used, read, read_json};
+use super::files::{cannot_be_used, convention, read, read_json};
 use super::numbers::three_mm;
 use super::program;
 use super::subject::item;
 use super::terminal;
 use super::terminal::{Output, plain};
 use super::usage::Usage;
+use crate::measurement::RotationConvention;
 use crate::operations::program::ProgramTarget;
 use crate::operations::{self, Correctable};
 use crate::wire::compensate::{
@@ -25,7 +26,7 @@ use std::path::PathBuf;
 /// Correct the targets of a program that was made offline.
 ///
 /// PROGRAM is a table with joint targets in q1_deg … qn_deg (or q1_rad …, J1 [deg] …), or Cartesian targets in x_mm y_mm z_mm quat_w quat_x quat_y
-/// quat_z with joint values near them; or a robot program with joint targets (KUKA, ABB, FANUC, Universal Robots). Of commanded and measured joint
+/// quat_z, or x_mm y_mm z_mm rx_deg ry_deg rz_deg with --rotation, with joint values near them; or a robot program with joint targets (KUKA, ABB, FANUC, Universal Robots). Of commanded and measured joint
 /// values, the commanded ones are targets. The output is the program with corrected targets; everything else stays as it is. With --json, the output
 /// also has the status of each target.
 #[derive(Debug, clap::Args)]
@@ -57,6 +58,9 @@ pub struct Arguments {
     /// The tool centre point in the flange frame: X,Y,Z in mm.
     #[arg(long, env = "KINCAL_TOOL_MM", value_name = "X,Y,Z", value_parser = three_mm, allow_hyphen_values = true)]
     tool_mm: Option<[f64; 3]>,
+    /// What rx_deg, ry_deg and rz_deg of Cartesian targets mean: extrinsic_xyz (FANUC W P R), intrinsic_zyx (KUKA A B C), …, or rotation_vector.
+    #[arg(long, env = "KINCAL_ROTATION", value_name = "CONVENTION", value_parser = convention)]
+    rotation: Option<RotationConvention>,
     #[command(flatten)]
     columns: ColumnOptions,
     #[command(flatten)]
@@ -71,7 +75,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.target.is_some() && arguments.tool_mm.is_some() {
         return Err(Usage("the tool is either a reflector or a tool centre point: give --target or --tool-mm, not both".into()).into());
     }
-    let program = program::parse(path, &read(path)?, &arguments.columns.body()?)?;
+    let columns = arguments.columns.body()?;
+    let program = program::parse(path, &read(path)?, &columns, arguments.rotation)?;
     program::notes(&program)
         .iter()
         .for_each(|note| eprintln!("{}", plain(note)));

@@ -24,7 +24,8 @@ pub struct NumberFormat {
     pub rotation: Option<RotationConvention>,
 }
 
-fn convention(name: &str) -> Result<RotationConvention, String> {
+/// Parses a rotation convention.
+pub fn convention(name: &str) -> Result<RotationConvention, String> {
     name.parse().map_err(|_| format!("it is {CONVENTIONS}"))
 }
 

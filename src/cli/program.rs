@@ -3,23 +3,30 @@
 use super::failure::Refused;
 use super::files::{self, cannot_be_used};
 use super::usage::Usage;
+use crate::measurement::RotationConvention;
 use crate::operations::program::Program;
 use crate::wire::columns::ColumnsBody;
 use crate::wire::issue::{Invalid, Issue};
 use std::path::Path;
 
-/// Reads a program. `columns` states what the names of a table's columns do not.
-pub fn parse(path: &Path, bytes: &[u8], columns: &ColumnsBody) -> anyhow::Result<Program> {
+/// Reads a program. `columns` states what the names of a table's columns do not, `rotation` what its angles mean.
+pub fn parse(
+    path: &Path,
+    bytes: &[u8],
+    columns: &ColumnsBody,
+    rotation: Option<RotationConvention>,
+) -> anyhow::Result<Program> {
     let unusable = |invalid: Invalid| Usage(cannot_be_used(path, &invalid.issues));
-    Ok(Program::parse(bytes, columns).map_err(unusable)?)
+    Ok(Program::parse(bytes, columns, rotation).map_err(unusable)?)
 }
 
 /// What the user has to know about how it was read.
 pub fn notes(program: &Program) -> Vec<String> {
     let of_poses = match program.has_poses() {
-        [true, true] => ", and the position and quaternion of each target",
-        [true, false] => ", and the position of each target",
-        [false, _] => "",
+        [true, true, _] => ", and the position and quaternion of each target",
+        [true, _, true] => ", and the position and angles of each target",
+        [true, ..] => ", and the position of each target",
+        [false, ..] => "",
     };
     let joints = program.joints.join(", ");
     let mut notes = vec![format!("corrected columns: {joints}{of_poses}")];

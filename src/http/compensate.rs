@@ -10,6 +10,7 @@ use crate::operations::program::{Program, ProgramTarget};
 use crate::operations::{self, Correctable};
 use crate::store::{ParameterSetRow, jobs};
 use crate::wire::compensate::{Base, CompensateAnswer, CompensateBody, Mode, OWN_FRAMES};
+use crate::wire::content_type::rotation_convention;
 use crate::wire::corrected_program::CorrectedProgram;
 use crate::wire::issue::Invalid;
 use crate::wire::json;
@@ -80,6 +81,9 @@ pub struct ProgramQuery {
     tool_y_mm: Option<f64>,
     /// Its z, mm.
     tool_z_mm: Option<f64>,
+    /// Convention of `rx_deg ry_deg rz_deg` of Cartesian targets: `intrinsic_xyz`, `extrinsic_xyz`, `intrinsic_zyx`, …, or `rotation_vector`. Never guessed.
+    #[param(max_length = 40)]
+    rotation: Option<String>,
     /// Mapping of the program's columns: in JSON, or the name of a mapping that the robot has.
     columns: Option<String>,
 }
@@ -107,7 +111,7 @@ impl ProgramQuery {
 /// Corrects the targets of a program: a table with joint targets, or with Cartesian targets and joint values near them.
 ///
 /// The table is read as an upload is: any encoding, separator, decimal mark and comments. Of commanded and measured joint values the commanded ones are
-/// targets. Cartesian targets have the columns `x_mm y_mm z_mm` and perhaps `quat_w quat_x quat_y quat_z`.
+/// targets. Cartesian targets have the columns `x_mm y_mm z_mm` and perhaps `quat_w quat_x quat_y quat_z`, or `rx_deg ry_deg rz_deg` with `rotation`.
 #[utoipa::path(
     post, path = "/v1/parameter-sets/{id}/compensate-program", tag = "parameter sets", operation_id = "compensateProgram",
     params(("id" = String, Path, description = "The parameter set"), ProgramQuery),
@@ -131,10 +135,13 @@ pub async fn program(
     let row = access::parameter_set(&app, &caller, &id).await?;
     let robot = access::robot_of_set(&app, &caller, &row).await?;
     let columns = stated_columns(&app, &row.robot_id, query.columns.as_deref()).await?;
+    let rotation = query.rotation.as_deref();
+    let rotation = rotation.map(rotation_convention).transpose()?;
     let bytes = whole_body(request, &app).await?;
     let permit = app.limits.compute(caller.class).await?;
     let n_joints = robot.links.len();
-    let parse = move || Ok::<_, Error>(Program::parse(&bytes, &columns)?.of_joints(n_joints));
+    let parse =
+        move || Ok::<_, Error>(Program::parse(&bytes, &columns, rotation)?.of_joints(n_joints));
     let program = permit.run(parse);
     let program = program.await?;
     let mut body = query.body();
@@ -143,7 +150,7 @@ pub async fn program(
         .frame
         .as_deref()
         .is_some_and(|frame| OWN_FRAMES.contains(&frame));
-    if program.has_poses() == [false, false] && is_own {
+    if program.has_poses() == [false; 3] && is_own {
         body.frame = None;
     }
     let stored = Stored::load(&app, &permit, (row, robot), &body).await?;

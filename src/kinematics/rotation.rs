@@ -1,6 +1,6 @@
 //! Rotations and their rotation vectors.
 
-use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
+use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use std::f64::consts::TAU;
 
 /// Rotation for a rotation vector (Rodrigues' formula).
@@ -37,6 +37,17 @@ pub fn rotation_log(rotation: &Rotation3<f64>) -> Vector3<f64> {
         twice_sine / 2.0
     } else {
         twice_sine * (angle / (2.0 * sine))
+    }
+}
+
+/// The rotation vector, computed from the quaternion. This is accurate also near half a turn, where the rotation matrix is nearly symmetric.
+pub fn rotation_vector(rotation: &Rotation3<f64>) -> Vector3<f64> {
+    let q = UnitQuaternion::from_rotation_matrix(rotation);
+    let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
+    let axis = sign * q.imag();
+    match axis.norm() {
+        0.0 => axis,
+        sine => axis * (2.0 * libm::atan2(sine, sign * q.w) / sine),
     }
 }
 

@@ -3,7 +3,9 @@
 //! There are twenty-four sequences of elementary rotations, and rotation vectors. The convention is never guessed, because the same three numbers are
 //! a valid rotation in all conventions.
 
+use crate::kinematics::rotation::{rotation_exp, rotation_vector, within_half_a_turn};
 use nalgebra::{Matrix3, Rotation3, Vector3};
+use std::f64::consts::{FRAC_PI_2, PI};
 use std::fmt;
 use std::str::FromStr;
 
@@ -23,6 +25,8 @@ pub enum RotationConvention {
 
 const AXES: [char; 3] = ['x', 'y', 'z'];
 const ROTATION_VECTOR: &str = "rotation_vector";
+/// Below this sine of the second angle (of the cosine, if the three axes differ), only the sum or difference of the other two angles is determined.
+const GIMBAL_LOCK: f64 = 1e-9;
 
 impl RotationConvention {
     /// All conventions.
@@ -44,7 +48,7 @@ impl RotationConvention {
     /// Euler angles) the angles are in the order of the axes.
     pub fn rotation(self, angles_rad: &Vector3<f64>) -> Rotation3<f64> {
         let Self::Sequence { axes, is_extrinsic } = self else {
-            return exp(angles_rad);
+            return rotation_exp(angles_rad);
         };
         let is_proper_euler = axes[0] == axes[2];
         let turn = |k: usize| {
@@ -59,6 +63,52 @@ impl RotationConvention {
             false => turn(0) * turn(1) * turn(2),
         }
     }
+
+    /// The angles of a rotation, rad, as [`Self::rotation`] takes them: of all angles with that rotation those nearest to `near_rad`. At a gimbal lock,
+    /// the first angle stays as it is.
+    pub fn angles_rad(self, rotation: &Rotation3<f64>, near_rad: &Vector3<f64>) -> Vector3<f64> {
+        let Self::Sequence { axes, is_extrinsic } = self else {
+            return nearest_rotation_vector(rotation_vector(rotation), near_rad);
+        };
+        // about fixed axes, the last rotation is the leftmost factor
+        let order = if is_extrinsic { [2, 1, 0] } else { [0, 1, 2] };
+        let is_proper_euler = axes[0] == axes[2];
+        let slots = order.map(|k| if is_proper_euler { k } else { axes[k] });
+        let [i, j, k] = order.map(|k| axes[k]);
+        let unit = |axis: usize| Vector3::ith(axis, 1.0);
+        // R = R_i(a)·R_j(b)·R_k(c): R_i(−a)·R·e_k = R_j(b)·e_k has no component along j
+        let v = rotation * unit(k);
+        let across = unit(i).cross(&unit(j));
+        let mut a = libm::atan2(-v[j], v.dot(&across));
+        if libm::hypot(v[j], v.dot(&across)) < GIMBAL_LOCK {
+            a = near_rad[slots[0]];
+        } else if within_half_a_turn(a - near_rad[slots[0]]).abs() > FRAC_PI_2 {
+            a += PI;
+        }
+        let rest = about(i, -a) * rotation;
+        let (of_k, of_j) = (rest * unit(k), rest.inverse() * unit(j));
+        let b = libm::atan2(of_k.dot(&unit(j).cross(&unit(k))), of_k[k]);
+        let c = libm::atan2(-of_j.dot(&unit(k).cross(&unit(j))), of_j[j]);
+        let mut angles_rad = Vector3::zeros();
+        for (slot, angle_rad) in slots.into_iter().zip([a, b, c]) {
+            let near_rad = near_rad[slot];
+            angles_rad[slot] = near_rad + within_half_a_turn(angle_rad - near_rad);
+        }
+        angles_rad
+    }
+}
+
+/// The rotation vector of the same rotation that is nearest to `near_rad`.
+fn nearest_rotation_vector(vector_rad: Vector3<f64>, near_rad: &Vector3<f64>) -> Vector3<f64> {
+    let other_rad = match vector_rad.norm() {
+        0.0 => vector_rad,
+        angle_rad => vector_rad * (1.0 - 2.0 * PI / angle_rad),
+    };
+    let distance = |vector: &Vector3<f64>| (vector - near_rad).norm();
+    match distance(&other_rad) < distance(&vector_rad) {
+        true => other_rad,
+        false => vector_rad,
+    }
 }
 
 /// An elementary rotation about an axis of the frame.
@@ -69,10 +119,6 @@ fn about(axis: usize, angle_rad: f64) -> Rotation3<f64> {
     (m[(i, i)], m[(i, j)]) = (cos, -sin);
     (m[(j, i)], m[(j, j)]) = (sin, cos);
     Rotation3::from_matrix_unchecked(m)
-}
-
-fn exp(w: &Vector3<f64>) -> Rotation3<f64> {
-    crate::kinematics::rotation::rotation_exp(w)
 }
 
 impl fmt::Display for RotationConvention {
@@ -109,5 +155,42 @@ impl FromStr for RotationConvention {
     fn from_str(name: &str) -> Result<Self, UnknownConvention> {
         let known = Self::all().into_iter().find(|c| c.to_string() == name);
         known.ok_or(UnknownConvention)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::RotationConvention;
+    use nalgebra::{Rotation3, Vector3};
+
+    #[test]
+    fn angles_are_those_of_the_rotation_and_near_the_given_ones() {
+        // the last two are gimbal locks: of three different axes, and of an axis that is there twice
+        let angles_deg = [
+            [10.0, 20.0, -30.0],
+            [170.0, -100.0, 95.0],
+            [-35.0, 90.0, 100.0],
+            [-35.0, 0.0, 100.0],
+        ];
+        let turns =
+            [0.0, 1e-4, 0.3].map(|angle| Rotation3::new(Vector3::new(0.3, -0.5, 0.8) * angle));
+        for convention in RotationConvention::all() {
+            for (angles_deg, turn) in angles_deg
+                .iter()
+                .flat_map(|a| turns.iter().map(move |t| (a, t)))
+            {
+                let near = Vector3::from(angles_deg.map(f64::to_radians));
+                let wanted = turn * convention.rotation(&near);
+                let found = convention.angles_rad(&wanted, &near);
+                let off = (convention.rotation(&found).matrix() - wanted.matrix()).amax();
+                assert!(off < 1e-12, "{convention} {angles_deg:?}: {off}");
+                let away = (found - near).amax();
+                assert!(away < 3.15, "{convention} {angles_deg:?}: {away}");
+                // a rotation that is not changed keeps its angles; near a lock, to what the rotation's digits say of them
+                if turn == &turns[0] {
+                    assert!(away < 1e-7, "{convention} {angles_deg:?}: {found:?}");
+                }
+            }
+        }
     }
 }

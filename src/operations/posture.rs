@@ -1,5 +1,6 @@
 //! The nominal pose of a posture, with the orientation angles of several manufacturers.
 
+use crate::kinematics::rotation::rotation_vector;
 use crate::kinematics::{Robot, t_base_flange};
 use crate::wire::issue::Invalid;
 use crate::wire::posture::{PostureAnswer, PostureBody};
@@ -48,7 +49,7 @@ pub fn posture(request: &PostureBody, robot: &Robot) -> Result<PostureAnswer, In
         quaternion: quaternion(&t.rotation),
         kuka_abc_deg: [yaw, pitch, roll],
         fanuc_wpr_deg: [roll, pitch, yaw],
-        ur_rotation_vector_rad: rotation_vector(&t.rotation),
+        ur_rotation_vector_rad: rotation_vector(&t.rotation).into(),
         angles_not_unique,
         q_model_deg: q_model_rad.iter().map(|rad| rad.to_degrees()).collect(),
         outside_limits: outside.map(|(i, _)| i + 1).collect(),
@@ -67,8 +68,7 @@ pub fn posture(request: &PostureBody, robot: &Robot) -> Result<PostureAnswer, In
 
 /// Angle of the rotation between two orientations, from the quaternion, which is accurate for small angles.
 fn apart_deg(a: &Rotation3<f64>, b: &Rotation3<f64>) -> f64 {
-    let [w, x, y, z] = quaternion(&(a.inverse() * b));
-    (2.0 * libm::atan2(Vector3::new(x, y, z).norm(), w)).to_degrees()
+    rotation_vector(&(a.inverse() * b)).norm().to_degrees()
 }
 
 /// The joints, counted from 1, of which half a turn moves the position by less than [`MAX_APART`] of its distance from the base.
@@ -95,15 +95,4 @@ fn yaw_pitch_roll(r: &Matrix3<f64>) -> ([f64; 3], bool) {
     }
     let yaw = libm::atan2(r[(1, 0)], r[(0, 0)]);
     ([yaw, pitch, libm::atan2(r[(2, 1)], r[(2, 2)])], false)
-}
-
-/// The rotation vector, computed from the quaternion. This is accurate also near 180°, where the rotation matrix is nearly symmetric.
-fn rotation_vector(rotation: &Rotation3<f64>) -> [f64; 3] {
-    let [w, x, y, z] = quaternion(rotation);
-    let axis = Vector3::new(x, y, z);
-    let sine = axis.norm();
-    if sine == 0.0 {
-        return [0.0; 3];
-    }
-    (axis * (2.0 * libm::atan2(sine, w) / sine)).into()
 }

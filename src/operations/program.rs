@@ -3,8 +3,10 @@
 
 use crate::measurement::Decimal;
 use crate::measurement::columns::mapping::Separator;
+use crate::measurement::columns::pose::ROTATION_REQUIRED;
 use crate::measurement::csv::number_text::value;
 use crate::measurement::programs;
+use crate::measurement::rotation_convention::{CONVENTIONS, RotationConvention};
 use crate::measurement::table::targets::{Targets, read_targets};
 use crate::measurement::table::text::{Encoding, Source, encoded, has_mark};
 use crate::wire::columns::{ColumnsBody, FilePart};
@@ -13,6 +15,7 @@ use crate::wire::compensate::{
 };
 use crate::wire::issue::{Invalid, Issue};
 use crate::wire::{table_upload, workbook};
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use std::ops::Range;
 
 /// A target of a program.
@@ -33,6 +36,16 @@ struct Place {
     joints: Vec<Range<usize>>,
     position: Option<[Range<usize>; 3]>,
     quaternion: Option<[Range<usize>; 4]>,
+    angles: Option<Angles>,
+}
+
+/// Three angles of a Cartesian target.
+#[derive(Clone, Debug)]
+struct Angles {
+    places: [Range<usize>; 3],
+    convention: RotationConvention,
+    /// What the program has.
+    angles_rad: Vector3<f64>,
 }
 
 /// A program.
@@ -55,12 +68,16 @@ pub struct Program {
 }
 
 impl Program {
-    /// Reads a program. `columns` states what the names of a table's columns do not.
+    /// Reads a program. `columns` states what the names of a table's columns do not, and `rotation` what the angles of Cartesian targets mean.
     ///
     /// # Errors
-    /// [`Invalid`] with the line and column of each error, for a table without joint targets, and for a robot program: which of its points are
-    /// targets, and of which tool, its text does not say.
-    pub fn parse(bytes: &[u8], columns: &ColumnsBody) -> Result<Self, Invalid> {
+    /// [`Invalid`] with the line and column of each error, for a table without joint targets, for angles without a convention, and for a robot program:
+    /// which of its points are targets, and of which tool, its text does not say.
+    pub fn parse(
+        bytes: &[u8],
+        columns: &ColumnsBody,
+        rotation: Option<RotationConvention>,
+    ) -> Result<Self, Invalid> {
         let mut mapping = columns.mapping(FilePart::Robot)?;
         let kind = workbook::workbook(bytes);
         let source = match kind {
@@ -76,16 +93,23 @@ impl Program {
                           values of its targets as a table with the columns q1_deg, q2_deg and so on, and correct that";
             return Err(Invalid::at("", "robot_program", detail));
         }
-        let targets = read_targets(&source, &mapping);
+        let stated = columns.mapping(FilePart::Table)?;
+        let targets = read_targets(&source, &mapping, &stated.columns);
         let targets = targets.map_err(|error| table_upload::table_error(&error))?;
-        let program = Self::of_table(source, has_mark(bytes), targets)?;
+        let program = Self::of_table(source, has_mark(bytes), targets, rotation)?;
         Ok(Self {
             is_workbook: kind.is_some(),
             ..program
         })
     }
 
-    fn of_table(source: Source, has_mark: bool, targets: Targets) -> Result<Self, Invalid> {
+    fn of_table(
+        source: Source,
+        has_mark: bool,
+        targets: Targets,
+        rotation: Option<RotationConvention>,
+    ) -> Result<Self, Invalid> {
+        let convention = convention_of_angles(&targets, rotation)?;
         let text = source.text.into_owned();
         let joints = &targets.joints;
         let deg = joints.first().map_or(1.0, |joint| joint.deg);
@@ -110,6 +134,18 @@ impl Program {
             let position = targets.position.map(|columns| columns.map(cell));
             let quaternion = targets.quaternion.filter(|_| position.is_some());
             let quaternion = quaternion.map(|columns| columns.map(cell));
+            let angles = match (targets.angles, convention) {
+                (Some(columns), Some(convention)) => {
+                    let places = columns.map(cell);
+                    let angles_deg = numbers(&places, number)?;
+                    Some(Angles {
+                        places,
+                        convention,
+                        angles_rad: Vector3::from(angles_deg.map(f64::to_radians)),
+                    })
+                }
+                _ => None,
+            };
             let target = match &position {
                 None => ProgramTarget::Joints(row.q_deg),
                 Some(position) => ProgramTarget::Cartesian(CartesianTarget {
@@ -118,7 +154,10 @@ impl Program {
                         Some(quaternion) => Some(numbers(quaternion, number)?),
                         None => None,
                     },
-                    rotation: None,
+                    rotation: angles.as_ref().map(|angles| {
+                        let rotation = angles.convention.rotation(&angles.angles_rad);
+                        rotation.matrix().transpose().into()
+                    }),
                     q_near_deg: row.q_deg,
                 }),
             };
@@ -128,6 +167,7 @@ impl Program {
                 joints: joints.iter().map(|joint| cell(joint.place)).collect(),
                 position,
                 quaternion,
+                angles,
             })
         });
         Ok(Self {
@@ -163,12 +203,13 @@ impl Program {
         places.map(|place| place.target.clone()).collect()
     }
 
-    /// Whether its targets have a position and a quaternion.
-    pub fn has_poses(&self) -> [bool; 2] {
+    /// Whether its targets have a position, a quaternion, and angles.
+    pub fn has_poses(&self) -> [bool; 3] {
         let first = self.places.first();
         [
             first.is_some_and(|place| place.position.is_some()),
             first.is_some_and(|place| place.quaternion.is_some()),
+            first.is_some_and(|place| place.angles.is_some()),
         ]
     }
 
@@ -251,6 +292,16 @@ impl Program {
                 replaced.extend(position.map(|(at, mm)| (at, self.marked(at, format!("{mm:.5}")))));
                 let quaternion = place.quaternion.iter().flatten().zip(pose.quaternion);
                 replaced.extend(quaternion.map(|(at, q)| (at, self.marked(at, format!("{q:.9}")))));
+                if let Some(angles) = &place.angles {
+                    let [w, x, y, z] = pose.quaternion;
+                    let q = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
+                    let rotation = q.to_rotation_matrix();
+                    let rad = angles.convention.angles_rad(&rotation, &angles.angles_rad);
+                    let angles = angles.places.iter().zip(rad.iter());
+                    replaced.extend(angles.map(|(at, rad)| {
+                        (at, self.marked(at, format!("{:.7}", rad.to_degrees())))
+                    }));
+                }
             }
         }
         replaced.sort_by_key(|(at, _)| at.start);
@@ -289,6 +340,33 @@ impl Program {
     }
 }
 
+/// The convention of the angles of Cartesian targets. Nothing is guessed.
+fn convention_of_angles(
+    targets: &Targets,
+    rotation: Option<RotationConvention>,
+) -> Result<Option<RotationConvention>, Invalid> {
+    let refused = |code, detail| Err(Invalid::at("/rotation", code, detail));
+    let is_cartesian = targets.position.is_some();
+    match (targets.angles, targets.quaternion, rotation) {
+        (Some(_), Some(_), _) if is_cartesian => refused(
+            "duplicate_column",
+            "a target has a quaternion or the angles rx_deg, ry_deg and rz_deg, not both".into(),
+        ),
+        (Some(_), _, None) if is_cartesian => refused(
+            ROTATION_REQUIRED,
+            format!(
+                "rx_deg, ry_deg and rz_deg are a rotation only with a convention: say rotation={CONVENTIONS}. Nothing is guessed"
+            ),
+        ),
+        (Some(_), _, Some(convention)) if is_cartesian => Ok(Some(convention)),
+        (.., None) => Ok(None),
+        (.., Some(_)) => refused(
+            "missing_column",
+            "a convention of rotations is stated, and the program has no Cartesian targets with rx_deg, ry_deg and rz_deg: leave it out".into(),
+        ),
+    }
+}
+
 fn numbers<const N: usize>(
     places: &[Range<usize>; N],
     number: impl Fn(&Range<usize>) -> Result<f64, Invalid>,
@@ -309,7 +387,7 @@ mod tests {
 
     fn parse(bytes: &[u8], columns: &str) -> Result<Program, Invalid> {
         let columns = ColumnsBody::parse(columns.as_bytes()).unwrap();
-        Program::parse(bytes, &columns)
+        Program::parse(bytes, &columns, None)
     }
 
     fn q_deg(program: &Program) -> Vec<Vec<f64>> {

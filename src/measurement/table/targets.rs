@@ -23,6 +23,7 @@ const COMMANDED: &str = "target|commanded|command|cmd|nominal|nom|soll|desired|s
 /// Columns of a Cartesian target.
 const POSITION: [&str; 3] = ["x_mm", "y_mm", "z_mm"];
 const QUATERNION: [&str; 4] = ["quat_w", "quat_x", "quat_y", "quat_z"];
+const ANGLES_DEG: [&str; 3] = ["rx_deg", "ry_deg", "rz_deg"];
 /// Largest share by which a cell may differ from the value that was read from it.
 const RELATIVE_TOLERANCE: f64 = 1e-9;
 
@@ -57,6 +58,8 @@ pub struct Targets {
     pub position: Option<[usize; 3]>,
     /// Columns of the quaternion.
     pub quaternion: Option<[usize; 4]>,
+    /// Columns of three angles that are a rotation by some convention.
+    pub angles: Option<[usize; 3]>,
     /// Names of columns with poses that belong to the joint values.
     pub other_poses: Vec<String>,
     /// The decimal mark.
@@ -67,11 +70,15 @@ pub struct Targets {
     pub rows: Vec<TargetRow>,
 }
 
-/// Reads the targets of a table. `mapping` states what the names of its columns do not.
+/// Reads the targets of a table. `mapping` states what the names of its joint columns do not, `stated_pose` which columns a Cartesian target has.
 ///
 /// # Errors
 /// As [`points::read`], and if the cells of a row cannot be found again in the text.
-pub fn read_targets(source: &Source, mapping: &Mapping) -> Result<Targets, ParseError> {
+pub fn read_targets(
+    source: &Source,
+    mapping: &Mapping,
+    stated_pose: &[(String, ColumnRef)],
+) -> Result<Targets, ParseError> {
     let table = Table::find(source.clone(), mapping)?;
     let mut mapping = mapping.clone();
     let mut commanded = commanded_joints(&table, &mapping)?;
@@ -119,10 +126,13 @@ pub fn read_targets(source: &Source, mapping: &Mapping) -> Result<Targets, Parse
             && !ignored.into_iter().any(|own| own == place)
     };
     let named = |name: &str| {
+        let mut stated = stated_pose.iter().filter(|(means, _)| means == name);
+        let stated = stated.find_map(|(_, column)| table.place(column).ok());
         let mut header = table.header.iter().enumerate();
-        header
+        let of_name = header
             .find(|(place, own)| own.trim().eq_ignore_ascii_case(name) && is_free(*place))
-            .map(|(place, _)| place)
+            .map(|(place, _)| place);
+        stated.or(of_name)
     };
     let position = all_there(POSITION.map(named));
     let other_poses = match position {
@@ -165,6 +175,7 @@ pub fn read_targets(source: &Source, mapping: &Mapping) -> Result<Targets, Parse
         rows: rows.collect::<Result<_, _>>()?,
         position,
         quaternion: all_there(QUATERNION.map(named)),
+        angles: all_there(ANGLES_DEG.map(named)),
         other_poses: other_poses.iter().map(|place| table.name(*place)).collect(),
         decimal,
         separator: table.separator,
@@ -323,7 +334,7 @@ mod tests {
 
     fn targets(text: &str) -> Targets {
         let source = Source::decode(text.as_bytes()).unwrap();
-        read_targets(&source, &Mapping::default()).unwrap_or_else(|e| panic!("{text}: {e:?}"))
+        read_targets(&source, &Mapping::default(), &[]).unwrap_or_else(|e| panic!("{text}: {e:?}"))
     }
 
     fn columns(text: &str) -> Vec<String> {
@@ -349,7 +360,7 @@ mod tests {
         // Measured values are not corrected in place of commanded ones.
         let refused = |text: &str, mapping: &Mapping| {
             let source = Source::decode(text.as_bytes()).unwrap();
-            read_targets(&source, mapping).unwrap_err().issues[0].code
+            read_targets(&source, mapping, &[]).unwrap_err().issues[0].code
         };
         let text = "Target J1,Target J2,Actual J1 [deg],Actual J2 [deg]\n1,2,3,4\n";
         assert_eq!(refused(text, &Mapping::default()), "missing_unit");
@@ -358,7 +369,7 @@ mod tests {
             ..Mapping::default()
         };
         let source = Source::decode(text.as_bytes()).unwrap();
-        let found = read_targets(&source, &stated).unwrap();
+        let found = read_targets(&source, &stated, &[]).unwrap();
         assert_eq!(found.joints[0].name, "Target J1");
         let text = "J1 cmd [deg],J2 cmd [deg],J1 ref [deg],J2 ref [deg]\n1,2,3,4\n";
         assert_eq!(refused(text, &Mapping::default()), "duplicate_column");
@@ -376,7 +387,7 @@ mod tests {
             ignore: vec![ColumnRef::Header("J3 [deg]".into())],
             ..Mapping::default()
         };
-        let found = read_targets(&source, &mapping).unwrap();
+        let found = read_targets(&source, &mapping, &[]).unwrap();
         assert_eq!(found.joints.len(), 2);
     }
 
@@ -396,7 +407,7 @@ mod tests {
         // A cell with a line break.
         let text = "note,J1 [deg]\n\"a\nb\",1\n";
         let source = Source::decode(text.as_bytes()).unwrap();
-        let error = read_targets(&source, &Mapping::default()).unwrap_err();
+        let error = read_targets(&source, &Mapping::default(), &[]).unwrap_err();
         assert!(error.issues[0].detail.contains("line 2"), "{error:?}");
     }
 }

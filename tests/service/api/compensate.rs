@@ -2,7 +2,10 @@ use crate::app::{TestApp, text};
 use crate::real_robot::{apply, rigid, shift, times};
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
+use kincal::measurement::RotationConvention;
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde_json::{Value, json};
+use std::str::FromStr;
 
 fn numbers(value: &Value) -> Vec<f64> {
     value
@@ -192,6 +195,49 @@ async fn a_program_is_corrected_as_a_file_and_keeps_its_form() {
         wanted["poses"][0]["position_mm"][0].as_f64().unwrap()
     );
     assert!(String::from_utf8(text_of(&answer)).unwrap().contains(&x));
+
+    // the same pose by a quaternion, and by KUKA's A, B and C in columns with these names
+    let header = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm";
+    let convention = RotationConvention::from_str("intrinsic_zyx").unwrap();
+    let abc = [20.0f64, 88.0, -15.0];
+    let angles = |[a, b, c]: [f64; 3]| Vector3::new(c, b, a).map(f64::to_radians);
+    let q_of = UnitQuaternion::from_rotation_matrix(&convention.rotation(&angles(abc)));
+    let by_quaternion = format!(
+        "{header},quat_w,quat_x,quat_y,quat_z\n{near},900,100,700,{},{},{},{}\n",
+        q_of.w, q_of.i, q_of.j, q_of.k
+    );
+    let by_quaternion = send("?frame=base", by_quaternion.into_bytes())
+        .await
+        .ok(200);
+    let by_angles = format!("{header},A,B,C\n{near},900,100,700,20,88,-15\n");
+    let columns = "columns=%7B%22rz_deg%22:%22A%22,%22ry_deg%22:%22B%22,%22rx_deg%22:%22C%22%7D";
+    let query = format!("?frame=base&{columns}");
+    let refused = send(&query, by_angles.clone().into_bytes()).await;
+    refused.problem(422, "rotation_required");
+    let query = format!("{query}&rotation=intrinsic_zyx");
+    let answer = send(&query, by_angles.into_bytes()).await.ok(200);
+    same(
+        &answer["corrected"]["q_deg"],
+        &by_quaternion["corrected"]["q_deg"],
+    );
+    let pose = &by_quaternion["corrected"]["poses"][0]["quaternion"];
+    let [w, x, y, z] = [0, 1, 2, 3].map(|i| pose[i].as_f64().unwrap());
+    let pose = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+    let found = String::from_utf8(text_of(&answer)).unwrap();
+    let cells: Vec<f64> = found
+        .lines()
+        .nth(1)
+        .unwrap()
+        .split(',')
+        .map(|cell| cell.parse().unwrap())
+        .collect();
+    let corrected = convention.rotation(&angles([cells[9], cells[10], cells[11]]));
+    let apart = UnitQuaternion::from_rotation_matrix(&corrected).angle_to(&pose);
+    assert!(apart < 1e-8, "{apart}");
+    assert!(
+        cells[9] != 20.0 && (cells[9] - 20.0).abs() < 30.0,
+        "{found}"
+    );
 
     // refusals name the place in the file
     let far = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n0,0,0,0,0,0\n0,0,0,9999,0,0\n";
