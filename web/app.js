@@ -27,6 +27,9 @@ const READS_NOTHING = { title: "This key may not read", detail: "Without the sco
 
 let leaving = new AbortController();
 let me = null;
+/** Where each visited page was scrolled to, by the number of its entry in the history. */
+const scrolled = new Map();
+let entry = null;
 
 /** What pages need: where to draw, what the user may do, the signal that ends their requests when they are left, and the query of the address. */
 function context(signal, query) {
@@ -40,17 +43,28 @@ function keep(choices) {
   const [path] = location.hash.split("?");
   // the link that skips to the content stands in the place of a page
   if (path === "#main") return;
-  history.replaceState(null, "", `${path || "#/"}${query.size > 0 ? `?${query}` : ""}`);
+  history.replaceState(history.state, "", `${path || "#/"}${query.size > 0 ? `?${query}` : ""}`);
 }
 
 /** What is missing where somebody may not do something: a page without a button explains nothing. */
 const why = (scope, what) => el("p.locked", {}, `With this key you cannot ${what}: that takes the scope ${scope}. Whoever runs the server makes such a key with `, el("code", {}, `kincal key create --name NAME --scope read --scope ${scope}`), ".");
+
+/** Begins the entry of a page in the history, and answers where the page was scrolled to: a new one opens at its top, Back and Forward return. */
+function beginEntry() {
+  if (history.state?.entry === undefined) history.replaceState({ entry: Date.now() }, "");
+  if (history.state.entry === entry) return 0;
+  scrolled.set(entry, window.scrollY);
+  ({ entry } = history.state);
+  window.scrollTo(0, 0);
+  return scrolled.get(entry) ?? 0;
+}
 
 async function show(moveFocus) {
   if (location.hash === "#main") return;
   leaving.abort();
   leaving = new AbortController();
   const { signal } = leaving;
+  const top = beginEntry();
   if (!signedIn()) return signIn();
   main.setAttribute("aria-busy", "true");
   try {
@@ -60,6 +74,7 @@ async function show(moveFocus) {
     const [match, page] = PAGES.map(([pattern, page]) => [pattern.exec(path), page]).find(([match]) => match) ?? [];
     if (!page) fill(main, el("h1", {}, "There is no such page"), el("p", {}, el("a", { href: "#/" }, "All robots")));
     else await page(context(signal, query), ...match.slice(1));
+    if (top > 0 && !signal.aborted) window.scrollTo(0, top);
   } catch (error) {
     if (error.name === "AbortError") return;
     if (error.status === 401) return signIn(error);
@@ -118,6 +133,7 @@ function signIn(error) {
   field.focus();
 }
 
+history.scrollRestoration = "manual";
 window.addEventListener("hashchange", () => show(true));
 // Another tab signed in or out.
 window.addEventListener("storage", (event) => {

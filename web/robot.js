@@ -185,8 +185,9 @@ function errorFacts({ active, report, lastSession, doubt }, now) {
   };
   if (lastSession) {
     const found = foundAgainst(lastSession.report);
-    // of the active set the service decides, by the tolerance if there is one
-    const against = active ? now?.need === "drifted" && now.reason : found && `${found}: ${mm(after.rms_mm)} rms`;
+    // of the active set the service decides, by the tolerance if there is one; a set that is far off needs none
+    const isFarOff = lastSession.report.warnings.some(({ code }) => code === "set_far_off");
+    const against = active && !isFarOff ? now?.need === "drifted" && now.reason : found && `${found}: ${mm(after.rms_mm)} rms`;
     return [[`${doubt ? "Error when a session last fitted" : "Error now"} (${which})`, mm(after.rms_mm), ["rms on the ", el("a", { href: `#/jobs/${lastSession.job.id}` }, sessionOf(lastSession)), `; nominal robot ${mm(before.rms_mm)}${doubted}`]],
       ["Largest error", mm(after.max_mm), `of the points of that session; nominal robot ${mm(before.max_mm)}`],
       against && !doubt ? ["Evidence", "a later session speaks against it", capital(against)] : evidence(`${against ? "a later session speaks against it" : "a later session verified it"}: ${count(n)} points`)];

@@ -46,7 +46,9 @@ pub use warnings::orientation::{MAX_FLANGE_ROTATION_STD_RAD, NOT_KNOWN as ORIENT
 pub use warnings::orientation::{last_joint_zero_remedy, last_joint_zero_unknown};
 pub use warnings::overstated_noise::NOISE_OVERSTATED;
 pub use warnings::plausibility::{BASE_FRAME_OFF, INSTRUMENT_SCALE, instrument_scale};
-pub use warnings::plausibility::{JOINT_MAP, TOOL_UNCERTAIN, implausible_changes};
+pub use warnings::plausibility::{
+    JOINT_MAP, POSITIONS_COMPUTED, TOOL_UNCERTAIN, implausible_changes,
+};
 pub use warnings::refused_upload::remedy as remedy_of_refusal;
 
 use std::ops::ControlFlow;

@@ -20,10 +20,11 @@ use crate::jobs::JobFailure;
 use crate::jobs::execution;
 use crate::kinematics::Robot;
 use crate::operations::rotation_convention::with_best_convention;
-use crate::release::{accept_misfit, accept_rotations, headline, refused_as};
+use crate::release::{accept_misfit, accept_rotations, headline, provenance, refused_as};
 use crate::report_page::words;
 use crate::report_page::{self, MeasuredSet, Sources};
 use crate::wire::check::CheckReport;
+use crate::wire::export::ExportDocument;
 use crate::wire::job::{JobParts, JobRequestBody, Method};
 use crate::wire::job_answer::{ProgressAnswer, Stage};
 use crate::wire::measurement::{self, MeasurementSet};
@@ -77,6 +78,9 @@ pub struct Arguments {
     /// Also write the report as a printable HTML page into this file.
     #[arg(long, env = "KINCAL_HTML", value_name = "FILE")]
     html: Option<PathBuf>,
+    /// Also write the identified parameters into this file, if they can be used: `kincal compensate FILE PROGRAM` reads it.
+    #[arg(long, env = "KINCAL_PARAMETERS_FILE", value_name = "FILE")]
+    parameters_file: Option<PathBuf>,
 }
 
 /// Runs the command.
@@ -158,7 +162,21 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .with_context(|| format!("cannot write {}", path.display()))?;
     }
     print(arguments, &report)?;
-    refuse_unusable(&report, None)
+    refuse_unusable(&report, None)?;
+    if let Some(path) = &arguments.parameters_file {
+        let summary = serde_json::from_value(serde_json::to_value(&report)?)?;
+        let document = ExportDocument {
+            parameter_set_id: OFFLINE.into(),
+            robot: robot_body,
+            content: calibrated.parameters(),
+            remaining_error_mm: None,
+            provenance: provenance(summary, Some(arguments.set_options.frame.into())),
+        };
+        let text = serde_json::to_string_pretty(&document)?;
+        std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
+        eprintln!("next: kincal compensate {} PROGRAM", path.display());
+    }
+    Ok(())
 }
 
 /// A file of points that has passed the checks.
@@ -267,6 +285,7 @@ pub fn refuse_unusable(report: &Report, job_id: Option<&str>) -> anyhow::Result<
         "joint_map_suspect" => {
             "compare the controller's joint values with the nominal robot, correct the robot's joint_map, and upload the file again"
         }
+        "positions_computed" => "upload the positions that the instrument measured",
         "no_fit" | "session_does_not_fit" => {
             "check the file: is it of this robot, in this frame (--frame), and do the joint values and the position of each row belong together?"
         }

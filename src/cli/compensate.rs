@@ -25,10 +25,10 @@ use std::path::PathBuf;
 
 /// Correct the targets of a program that was made offline.
 ///
-/// PROGRAM is a table with joint targets in q1_deg … qn_deg (or q1_rad …, J1 [deg] …), or Cartesian targets in x_mm y_mm z_mm quat_w quat_x quat_y
-/// quat_z, or x_mm y_mm z_mm rx_deg ry_deg rz_deg with --rotation, with joint values near them; or a robot program with joint targets (KUKA, ABB, FANUC, Universal Robots). Of commanded and measured joint
-/// values, the commanded ones are targets. The output is the program with corrected targets; everything else stays as it is. With --json, the output
-/// also has the status of each target.
+/// PROGRAM is a table with joint targets in q1_deg … qn_deg (or q1_rad …, J1 [deg] …), or with Cartesian targets and joint values near them: x_mm y_mm
+/// z_mm with quat_w quat_x quat_y quat_z, or with rx_deg ry_deg rz_deg and --rotation. Of commanded and measured joint values, the commanded ones are
+/// targets. The output is the program with corrected targets; everything else stays as it is. With --json, the output also has the status of each
+/// target.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// With --parameters: PROGRAM. Without: PARAMETERS.json (GET /v1/parameter-sets/{id}/export) and PROGRAM.
@@ -197,7 +197,7 @@ fn correct(arguments: &Arguments, targets: &[ProgramTarget]) -> anyhow::Result<C
         (None, [parameters, _]) => {
             let document: ExportDocument = read_json(
                 parameters,
-                "exported parameters, as GET /v1/parameter-sets/ID/export writes it",
+                "a file of parameters: kincal export ID, or kincal calibrate … --parameters-file FILE",
             )?;
             let unusable = |invalid: Invalid| Usage(cannot_be_used(parameters, &invalid.issues));
             let robot = Robot::try_from(&document.robot).map_err(unusable)?;

@@ -75,7 +75,10 @@ pub fn parse_json<T: DeserializeOwned>(path: &Path, bytes: &[u8], what: &str) ->
             "{}: it is not JSON of {what}: {detail}",
             path.display()
         )),
-        json::Error::Shape(invalid) => Usage(cannot_be_used(path, &invalid.issues)),
+        json::Error::Shape(invalid) => {
+            let faults = cannot_be_used(path, &invalid.issues);
+            Usage(format!("{faults}\nit has to be {what}"))
+        }
     })?)
 }
 

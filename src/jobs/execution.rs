@@ -51,7 +51,7 @@ pub fn compute(
     let since = measured_since(inputs, &request);
     let facts = |report: &Report| identification_facts(&request, report, another, since);
     let outcome = outcome(inputs, &calibrated, another, facts)?;
-    let content = ParameterSetContent::from(&calibrated.core);
+    let content = calibrated.parameters();
     Ok(JobOutcome {
         parameter_set: Some(NewParameterSet {
             body_json: serde_json::to_string(&content).map_err(JobFailure::broken)?,
@@ -201,6 +201,11 @@ impl Calibrated {
             insisted: insisted_on.map(insisted_warning),
         };
         report::build(&self.core, &run)
+    }
+
+    /// The identified parameters, as they are stored and exported.
+    pub fn parameters(&self) -> ParameterSetContent {
+        ParameterSetContent::from(&self.core)
     }
 
     /// The convergence curve.

@@ -4,9 +4,9 @@ use crate::calibration::quick_check::CHECK_CHANGED;
 use crate::calibration::report::{BASE_NOT_CHECKED, MIN_TO_PROVE};
 use crate::calibration::request::VerifySource;
 use crate::calibration::{
-    CalibrationReport, CalibrationRequest, DOES_NOT_FIT, HeldOut, MISSES_SESSION, RobustComparison,
-    SESSIONS_DIFFER, SET_FAR_OFF, WORSE_THAN_IDENTIFIED, after_errors_mm, n_placed, n_placed_where,
-    robust_comparison, session_fit,
+    CalibrationReport, CalibrationRequest, DOES_NOT_FIT, HeldOut, MISSES_SESSION,
+    POSITIONS_COMPUTED, RobustComparison, SESSIONS_DIFFER, SET_FAR_OFF, WORSE_THAN_IDENTIFIED,
+    after_errors_mm, n_placed, n_placed_where, robust_comparison, session_fit,
 };
 use crate::measurement::{Frame, MeasurementSet};
 use crate::release::guard_band::{ConfigurationErrors, expanded_mm};
@@ -140,7 +140,8 @@ pub fn identification_facts(
     since: MeasuredSince,
 ) -> Verification {
     let is_misfit = has_warning(report, DOES_NOT_FIT);
-    let n_points = report.verify.filter(|_| !is_misfit);
+    let is_measured = !has_warning(report, POSITIONS_COMPUTED);
+    let n_points = report.verify.filter(|_| !is_misfit && is_measured);
     let n_points = n_points.map_or(0, |verify| verify.n_points);
     let comparison = match n_points {
         0 => comparison_on(report, Subset::Identify),

@@ -1,6 +1,6 @@
 //! The gates that a parameter set must pass before it may move a robot.
 
-use crate::calibration::{INSTRUMENT_SCALE, TOOL_UNCERTAIN};
+use crate::calibration::{INSTRUMENT_SCALE, POSITIONS_COMPUTED, TOOL_UNCERTAIN};
 use crate::release::comparison::SAME_MM;
 use crate::release::facts::MIN_VERIFY_POINTS;
 use crate::release::gate_facts::{ArchivedItem, Facts, StoredFacts};
@@ -122,7 +122,9 @@ fn verified(facts: &StoredFacts<'_>) -> Gate {
             "{n} points were held out to verify, {} scored",
             sessions(facts.sessions.len())
         ),
-        false if is_for_review(facts) => "more than a twentieth of the points are outliers: look at them, take them out of the file and identify again, \
+        false if has_warning(facts, POSITIONS_COMPUTED) => "the positions look computed by the controller, and nothing was measured: upload the positions of the instrument"
+            .to_owned(),
+        false if has_warning(facts, TOO_MANY_OUTLIERS) => "more than a twentieth of the points are outliers: look at them, take them out of the file and identify again, \
              or score another session"
             .to_owned(),
         false => format!(
@@ -132,10 +134,10 @@ fn verified(facts: &StoredFacts<'_>) -> Gate {
     Gate::new("verified", passed, detail)
 }
 
-/// Whether a warning of the identification asks somebody to look at its outliers.
-fn is_for_review(facts: &StoredFacts<'_>) -> bool {
+/// Whether the identification has this warning.
+fn has_warning(facts: &StoredFacts<'_>, code: &str) -> bool {
     let mut warnings = facts.report.warnings.iter();
-    warnings.any(|warning| warning.code == TOO_MANY_OUTLIERS)
+    warnings.any(|warning| warning.code == code)
 }
 
 fn errors_improved(facts: &StoredFacts<'_>) -> Gate {

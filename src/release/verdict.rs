@@ -4,7 +4,8 @@ use crate::calibration::quick_check::{CHECK_CANNOT_TELL, CHECK_CHANGED};
 use crate::calibration::report::{BASE_NOT_CHECKED, SHOWS_LITTLE};
 use crate::calibration::upload_checks::alignment::SUSPICIONS;
 use crate::calibration::{
-    CalibrationReport, DOES_NOT_FIT, JOINT_MAP, MODEL_TOO_SMALL, NO_BETTER, NO_FIT, SET_FAR_OFF,
+    CalibrationReport, DOES_NOT_FIT, JOINT_MAP, MODEL_TOO_SMALL, NO_BETTER, NO_FIT,
+    POSITIONS_COMPUTED, SET_FAR_OFF,
 };
 use crate::wire::report_shape::Report;
 use crate::wire::warning::Warning;
@@ -13,12 +14,13 @@ use crate::wire::warning::Warning;
 pub const WRONG_ROBOT: [&str; 3] = [MODEL_TOO_SMALL, NO_FIT, JOINT_MAP];
 
 /// Warnings with which a result cannot be used. If a report has several, the first in this order counts.
-pub const UNUSABLE_WARNINGS: [&str; 6] = {
+pub const UNUSABLE_WARNINGS: [&str; 7] = {
     let [model_too_small, no_fit, joint_map] = WRONG_ROBOT;
     [
         model_too_small,
         no_fit,
         joint_map,
+        POSITIONS_COMPUTED,
         DOES_NOT_FIT,
         SET_FAR_OFF,
         NO_BETTER,
@@ -95,7 +97,9 @@ pub fn why_same_upload(report: &Report) -> &'static str {
 
 /// Reason why the verification is no evidence.
 pub fn why_no_evidence(report: &Report) -> &'static str {
-    if report.verify.is_none_or(|verify| verify.n_points == 0) {
+    if has_warning(report, POSITIONS_COMPUTED) {
+        "the positions look computed by the controller, and nothing was measured"
+    } else if report.verify.is_none_or(|verify| verify.n_points == 0) {
         "no point was held out: these are the errors of the fitted points"
     } else if has_warning(report, DOES_NOT_FIT) {
         "this file does not fit this robot"

@@ -515,6 +515,27 @@ fn a_wrong_clock_difference_is_told_with_the_one_that_the_times_show() {
 }
 
 #[test]
+fn the_timestamp_of_a_log_of_universal_robots_is_in_seconds() {
+    let mut robot = String::from(
+        "timestamp actual_q_0 actual_q_1 actual_q_2 actual_q_3 actual_q_4 actual_q_5\n",
+    );
+    let mut instrument = String::from("time [s],x_mm,y_mm,z_mm\n");
+    for (i, time_s) in [0.0, 7.0, 19.0, 24.0, 40.0, 51.0].iter().enumerate() {
+        robot += &format!("{} 0.{i} 0.2 0.3 0.4 0.5 0.6\n", 500.0 + time_s);
+        instrument += &format!("{},{i},2,3\n", 410.5 + time_s);
+    }
+    let (set, _) = read(&form(robot.as_bytes(), instrument.as_bytes()), "").unwrap();
+    assert_eq!(set.points.len(), 6);
+    // without its joint values a time has no unit
+    let mut other = robot;
+    for (axis, joint) in (0..6).zip(1..) {
+        other = other.replace(&format!("actual_q_{axis}"), &format!("q{joint}_rad"));
+    }
+    let (_, detail) = refusal(&other, &instrument, "");
+    assert!(detail.contains("has no unit"), "{detail}");
+}
+
+#[test]
 fn an_export_without_header_is_read_by_numbers_beside_a_robots_file_with_one() {
     let robot = log(6, |i| format!("P{i}"));
     let rows: String = (1..=6)

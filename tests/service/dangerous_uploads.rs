@@ -397,3 +397,40 @@ async fn a_narrow_cloud_is_refused_without_a_final_fit_too() {
         .await
         .ok(200);
 }
+
+/// A log with the joint values and the tool position that the controller computed from them looks like a perfect calibration.
+#[tokio::test(flavor = "multi_thread")]
+async fn positions_that_the_controller_computed_are_told_and_never_released() {
+    let (app, _dir) = guarded(1).await;
+    let users = Users::new(&app).await;
+    let normal = json!({"tolerance_mm": null, "independent_session_required": false, "second_person_required": false});
+    let robot = users.robot(&normal).await;
+    // the controller's drawing differs a little from the robot's description
+    let mut controller = KinematicModel::nominal(&crate::data::paper_robot().links, 1);
+    controller.links[0].d_mm += 0.1;
+    controller.links[1].a_mm -= 0.05;
+    controller.targets_mm = vec![Vector3::new(0.0, 0.0, 120.0)];
+    let mut log = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n".to_owned();
+    for q in spread(2) {
+        let q = q.iter().map(|q| (q.to_degrees() * 1e3).round() / 1e3);
+        let q_deg: Vec<f64> = q.collect();
+        let q_rad: Vec<f64> = q_deg.iter().map(|q| q.to_radians()).collect();
+        let p = controller.position(&q_rad, 0);
+        q_deg.iter().for_each(|q| write!(log, "{q},").unwrap());
+        writeln!(log, "{:.2},{:.2},{:.2}", p.x, p.y, p.z).unwrap();
+    }
+    let (set, _, codes) = users.identified(&robot, &log).await;
+    assert!(
+        codes.iter().any(|code| code == "positions_computed"),
+        "{codes:?}"
+    );
+    let why = json!({"reason": "it fits very well", "change_reason": "first calibration"});
+    let refused = users.cell.post(&format!("{set}/release"), &why).await;
+    let refused = refused.problem(409, "release_refused");
+    assert!(
+        refused
+            .to_string()
+            .contains("look computed by the controller"),
+        "{refused}"
+    );
+}

@@ -64,13 +64,32 @@ fn measured_robots_go_through_calibrate_offline_with_the_same_numbers() {
         let report: Value =
             serde_json::from_slice(&output.stdout).expect("the report alone is on standard output");
         assert!(rms(&report) <= limit_mm, "{name}: {}", rms(&report));
+        let folder = tempfile::tempdir().unwrap();
+        let file = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+        let (parameters, program) = (file("parameters.json"), file("program.csv"));
         let table = run(&[
             "calibrate",
             paths[0].to_str().unwrap(),
             paths[1].to_str().unwrap(),
             "--frame",
             "instrument",
+            "--parameters-file",
+            &parameters,
         ]);
+        // and from there to corrected targets, without a server
+        let joints = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n10,-20,30,15,40,5\n";
+        std::fs::write(&program, joints).unwrap();
+        let corrected = run(&["compensate", &parameters, &program, "--mode", "position"]);
+        let corrected = String::from_utf8(corrected.stdout).unwrap();
+        assert!(
+            corrected.starts_with("q1_deg,") && corrected != joints,
+            "{corrected}"
+        );
+        let report_file = file("report.json");
+        std::fs::write(&report_file, &output.stdout).unwrap();
+        let refused = run(&["compensate", &report_file, &program]);
+        let message = String::from_utf8(refused.stderr).unwrap();
+        assert!(message.contains("--parameters-file FILE"), "{message}");
         let text = String::from_utf8(table.stdout).unwrap();
         assert!(
             text.contains("verify")

@@ -4,7 +4,9 @@ use crate::measurement::columns::column::{Column, missing_columns, mixed_units};
 pub use crate::measurement::columns::mapping::Needs;
 use crate::measurement::columns::mapping::{HeaderRow, Mapping};
 use crate::measurement::columns::meaning::{column, key, key_name, thing};
-use crate::measurement::columns::names::{Key, Known, PLAIN, Unit, named_axes, recognise};
+use crate::measurement::columns::names::{
+    Key, Known, PLAIN, TimeUnit, Unit, named_axes, recognise,
+};
 use crate::measurement::columns::pose_names::rotation_columns;
 use crate::measurement::issue::{Issue, MAX_ISSUES};
 use crate::measurement::table::Table;
@@ -36,6 +38,19 @@ pub fn resolve(table: &Table, mapping: &Mapping, n_joints: usize, needs: Needs) 
     columns.used.sort_by_key(|used| used.place);
     columns.issues.truncate(MAX_ISSUES);
     columns
+}
+
+/// Time is in seconds beside joint values of Universal Robots' RTDE interface, whose `timestamp` is defined so.
+fn with_time_of_rtde(table: &Table, mut known: Vec<(usize, Known)>) -> Vec<(usize, Known)> {
+    let mut names = table.header.iter().map(|name| name.trim());
+    if names.any(|name| name.eq_ignore_ascii_case("actual_q_0")) {
+        for (_, known) in &mut known {
+            if *known == Known::Key(Key::Time(TimeUnit::Unstated)) {
+                *known = Known::Key(Key::Time(TimeUnit::Seconds));
+            }
+        }
+    }
+    known
 }
 
 impl Resolution<'_> {
@@ -111,6 +126,7 @@ impl Resolution<'_> {
             .filter(|(place, _)| !self.taken.contains(place))
             .map(|(place, (name, below))| (place, recognise(name, below)))
             .collect();
+        let known = with_time_of_rtde(self.table, known);
         let known = without_groups_not_measured(self.table, known);
         if self.needs_joints() {
             self.named_joints(&known);
