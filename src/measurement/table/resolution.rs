@@ -103,7 +103,12 @@ impl Resolution<'_> {
                 return;
             }
             let detail = match self.table.name(other.place) {
-                same if same == name => format!("column {name} appears twice"),
+                same if same == name => format!(
+                    "column {name} appears twice: say which by its number, counted from 1, in the column mapping: {{\"{thing}_{}\": {}}} (or {})",
+                    units[0],
+                    other.place + 1,
+                    place + 1
+                ),
                 other => format!(
                     "columns {other} and {name} may both be {thing}: say which in the column mapping: {{\"{thing}_{0}\": \"COLUMN\"}}",
                     units[0]
@@ -114,6 +119,10 @@ impl Resolution<'_> {
         }
         let unit = match unit {
             Unit::Missing => self.stated_unit(thing).map_or(unit, Unit::Is),
+            // two readings of the name itself: the stated unit is one of them
+            Unit::TwoReadings if thing.starts_with('q') => {
+                self.stated_unit(thing).map_or(unit, Unit::Is)
+            }
             unit => unit,
         };
         let mapping = format!(
@@ -147,7 +156,7 @@ impl Resolution<'_> {
                 let detail = match thing.starts_with('q') {
                     true => format!(
                         "the unit of column {name} may be degrees (German: Grad) or gons (400 in a turn), or two units are named: say it {mapping} \
-                     (for gons: {thing}_gon)"
+                     (for gons: {thing}_gon), or of all joints: {{\"joint_unit\": \"deg\"}} (or \"gon\")"
                     ),
                     false => format!(
                         "column {name} has one unit in its name, and another in the row of units below it: correct the file; or, if you know which is right, say it \
