@@ -177,6 +177,6 @@ pub fn explain(
             let is_base = set.frame == Frame::Base;
             is_base.then(|| suspect.frame_and_joints()).flatten()
         })
-        .or_else(|| suspect.unmastered(near?))
+        .or_else(|| suspect.unmastered(near.filter(|zeros| zeros.rms_mm <= suspect.fits_mm)?))
         .unwrap_or_else(|| suspect.poor(zeros.as_ref()))
 }
