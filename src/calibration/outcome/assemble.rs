@@ -312,8 +312,11 @@ pub fn report(
         .flat_map(following::warnings)
         .collect();
     let uncertainty = estimated.filter(|_| why_not_stated.is_none());
+    // of no use without points to verify
+    let is_verified = problem.observed.subsets.contains(&Subset::Verify);
     let of_verified = match final_fit {
-        Some(_) => stated(problem, model, watch),
+        Some(_) if is_verified => stated(problem, model, watch),
+        Some(_) => None,
         None => uncertainty.clone(),
     };
     let beyond = of_verified
