@@ -4,14 +4,13 @@
 //! fits.
 
 use crate::calibration::Error;
-use crate::calibration::preparation::all_fit::{AllFit, fit_all};
+use crate::calibration::preparation::all_fit::{AllFit, SessionErrors, fit_all, session_errors};
 use crate::calibration::preparation::arrangement::{Arrangement, FittedTargets, motion};
 use crate::calibration::preparation::gross_errors::{
     MAX_SEARCHES, WithoutGross, lone_suspects, without_gross,
 };
 use crate::calibration::preparation::motions::{fit_motions, place_setups};
 use crate::calibration::preparation::observe::Observed;
-use crate::calibration::preparation::session_errors::{SessionErrors, session_errors};
 use crate::calibration::preparation::turned_poses::{TurnedPose, turned_poses, turned_target};
 use crate::calibration::request::{CalibrationRequest, Loss, Model, Preset};
 use crate::identification::screening::outliers::Outliers;
