@@ -2,8 +2,7 @@
 //! identification, and their uncertainty is propagated to the named parameters and to the tool.
 
 use crate::calibration::calibrate::calibrate_then;
-use crate::calibration::preparation::observe::model_parameters;
-use crate::calibration::preparation::placement::placed;
+use crate::calibration::preparation::observe::{model_parameters, placed};
 use crate::calibration::problem::Problem;
 use crate::calibration::report::{CalibrationReport, FlangeRotation, NO_FIT, Warning};
 use crate::calibration::request::{CalibrationRequest, CorrectionsChoice, PreviousSession};

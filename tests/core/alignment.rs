@@ -2,7 +2,9 @@
 
 use crate::data::paper_robot;
 use crate::robots::{CLEAN, Tolerances, clean_robots, measured, models};
-use crate::simulation::{Campaign, Normal, limited, measure, poses, robot_of_the_priors};
+use crate::simulation::{
+    Campaign, Normal, limited, links_alone, measure, poses, robot_of_the_priors,
+};
 use kincal::calibration::upload_checks::alignment::{
     Alignment, BETTER, Explanation, FITS, Suspicion, align, explain,
 };
@@ -794,7 +796,7 @@ fn warned_where(
         // half of them to verify on
         point.subset = None;
     }
-    let request = CalibrationRequest::new(nominal.clone(), set);
+    let request = links_alone(&CalibrationRequest::new(nominal.clone(), set));
     let report = calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
     let warnings = report.warnings.into_iter();
     warnings.map(|w| (w.code, w.detail)).collect()
@@ -924,7 +926,7 @@ fn a_reflector_that_is_found_inside_the_arm_is_no_reflector() {
                 point.q_rad[4] += f64::to_radians(turned_deg);
                 point.subset = None;
             }
-            let request = CalibrationRequest::new(nominal.clone(), set);
+            let request = links_alone(&CalibrationRequest::new(nominal.clone(), set));
             let report = calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
             let told = report
                 .warnings

@@ -1,7 +1,7 @@
 //! Changes since a robot's last session: false alarms, detection, and names of the changed parameters.
 
 use crate::data::{paper_robot, paper_set};
-use crate::simulation::{Normal, true_robot};
+use crate::simulation::{Normal, links_alone, true_robot};
 use kincal::calibration::report::{ChangeKind, Changes};
 use kincal::calibration::request::{Estimate, Model, PreviousSession};
 use kincal::calibration::{CalibrationRequest, Method, calibrate};
@@ -45,14 +45,14 @@ fn compared_with(
         previous,
         ..CalibrationRequest::new(robot.clone(), after.clone())
     };
-    let report = calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
+    let report = calibrate(&links_alone(&request), &mut |_| ControlFlow::Continue(())).unwrap();
     report.changes.unwrap()
 }
 
-/// What the service keeps of an identification.
+/// What the service keeps of an identification; corrections are not compared.
 fn kept_estimate(robot: &Robot, set: &MeasurementSet) -> Option<Estimate> {
     let request = CalibrationRequest::new(robot.clone(), set.clone());
-    let report = calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
+    let report = calibrate(&links_alone(&request), &mut |_| ControlFlow::Continue(())).unwrap();
     report.estimate
 }
 

@@ -5,7 +5,7 @@ use crate::data::paper_robot;
 use crate::simulation::Normal;
 use kincal::identification::KinematicModel;
 use kincal::identification::least_squares::estimate::{Estimate, estimate};
-use kincal::identification::least_squares::problem::{KINDS, Placement, Prior, Problem};
+use kincal::identification::least_squares::problem::{KINDS, Prior, Problem};
 use kincal::identification::least_squares::start::{fit_base_and_targets, place};
 use kincal::identification::model::objective::{Observation, cost};
 use kincal::identification::model::parameters::complete_parameters;
@@ -246,28 +246,23 @@ fn a_robot_that_sags_is_placed_by_least_squares() {
     let mut points = making.measured(&truth, 30, &mut random);
     let flange = |o: &Observation| t_base_flange_corrected(&truth.links, &corrections, &o.q_rad);
     let flanges: Vec<IsometryMatrix3<f64>> = points.iter().map(flange).collect();
-    let position = |flange: &IsometryMatrix3<f64>, placed: &Placement| {
+    let position = |flange: &IsometryMatrix3<f64>, placed: &KinematicModel| {
         let target = Point3::from(placed.targets_mm[0]);
         (placed.t_instrument_base * flange * target).coords
     };
-    let placement = Placement {
-        t_instrument_base: truth.t_instrument_base,
-        targets_mm: truth.targets_mm.clone(),
-        target_rotations: vec![],
-    };
     for (o, flange) in points.iter_mut().zip(&flanges) {
-        o.position_mm = position(flange, &placement);
+        o.position_mm = position(flange, &truth);
     }
-    let found = place(&flanges, &points, 1);
+    let found = place(&truth.links, &flanges, &points, 1);
     for flange in &flanges {
-        let off_mm = (position(flange, &found) - position(flange, &placement)).norm();
+        let off_mm = (position(flange, &found) - position(flange, &truth)).norm();
         assert!(off_mm < PLACED_MM, "{off_mm}");
     }
     for o in &mut points {
         o.position_mm += random.vector() * 0.1;
     }
-    let found = place(&flanges, &points, 1);
-    let cost = |placed: &Placement| -> f64 {
+    let found = place(&truth.links, &flanges, &points, 1);
+    let cost = |placed: &KinematicModel| -> f64 {
         let square = |(o, flange): (&Observation, _)| {
             (o.position_mm - position(flange, placed)).norm_squared()
         };

@@ -2,7 +2,9 @@
 
 use crate::central_differences::assert_derivatives;
 use crate::data::paper_robot;
-use crate::simulation::{Normal, found, limited, poses, robot_of_the_priors, tool_intervals_held};
+use crate::simulation::{
+    Normal, found, limited, links_alone, poses, robot_of_the_priors, tool_intervals_held,
+};
 use crate::trackers::{Instrument, Measured, measured, points_of};
 use kincal::calibration::request::Loss;
 use kincal::calibration::{CalibrationReport, CalibrationRequest, Preset, calibrate, verify};
@@ -35,7 +37,7 @@ fn run(request: &CalibrationRequest) -> CalibrationReport {
 }
 
 fn identified(set: MeasurementSet) -> CalibrationReport {
-    run(&CalibrationRequest::new(nominal(), set))
+    run(&links_alone(&CalibrationRequest::new(nominal(), set)))
 }
 
 fn median(mut values: Vec<f64>) -> f64 {
@@ -324,7 +326,7 @@ fn gross_errors_beside_noise_by_direction_are_weighed_down_by_a_robust_loss() {
         let robust = |set: MeasurementSet| {
             let mut request = CalibrationRequest::new(nominal(), set);
             request.options.loss = Some(Loss::Huber);
-            measured.error_mm(&found(&run(&request)))
+            measured.error_mm(&found(&run(&links_alone(&request))))
         };
         ratios.push(robust(with_gross) / robust(measured.set.clone()));
     }

@@ -2,7 +2,7 @@
 
 use crate::central_differences::assert_derivatives;
 use crate::data::{paper_robot, real_data, robot};
-use crate::simulation::{Normal, found, true_robot};
+use crate::simulation::{Normal, found, links_alone, true_robot};
 use kincal::calibration::request::VerifySource;
 use kincal::calibration::upload_checks::rotations;
 use kincal::calibration::{CalibrationReport, CalibrationRequest, NOISE_OVERSTATED, calibrate};
@@ -281,22 +281,28 @@ fn a_target_that_was_twisted_on_its_holder_is_found_at_its_row_and_no_other_is()
         let mut random = Normal::new(500 + seed);
         let truth = truth(&nominal, &mut random);
         let set = measured(&truth, 60, PRECISE, &mut random);
-        let steps = |set: &MeasurementSet| -> Vec<(Vec<usize>, String)> {
-            let report = run(&CalibrationRequest::new(nominal.clone(), set.clone()));
+        let identified = |set: &MeasurementSet| {
+            run(&links_alone(&CalibrationRequest::new(
+                nominal.clone(),
+                set.clone(),
+            )))
+        };
+        let steps = |report: &CalibrationReport| -> Vec<(Vec<usize>, String)> {
             let moved = report
                 .warnings
                 .iter()
                 .filter(|w| w.code.ends_with("_moved"));
             moved.map(|w| (w.rows.clone(), w.detail.clone())).collect()
         };
-        assert_eq!(steps(&set), [], "seed {seed}");
+        assert_eq!(steps(&identified(&set)), [], "seed {seed}");
         for (first, angle_deg) in [(8, 3.0), (30, 1.0), (50, 3.0)] {
             let mut twisted = set.clone();
             let twist = rotation_exp(&Vector3::new(f64::to_radians(angle_deg), 0.0, 0.0));
             for point in &mut twisted.points[first..] {
                 point.rotation = point.rotation.map(|rotation| rotation * twist);
             }
-            let told = steps(&twisted);
+            let report = identified(&twisted);
+            let told = steps(&report);
             assert_eq!(told.len(), 1, "seed {seed}, row {first}: {told:?}");
             let (rows, detail) = &told[0];
             assert!(
@@ -306,8 +312,7 @@ fn a_target_that_was_twisted_on_its_holder_is_found_at_its_row_and_no_other_is()
             let size = detail.split("flange by ").nth(1).unwrap();
             let size: f64 = size.split('°').next().unwrap().parse().unwrap();
             assert!((size - angle_deg).abs() < 0.05, "{detail}");
-            let request = CalibrationRequest::new(nominal.clone(), twisted);
-            let after = run(&request).verify.unwrap().rotation.unwrap().after;
+            let after = report.verify.unwrap().rotation.unwrap().after;
             assert!(after.rms_deg < 0.1, "{:?}", after);
         }
     }
@@ -434,7 +439,8 @@ fn ten_poses_are_all_fitted_in_the_end() {
                 let mut random = Normal::new(1200 + seed);
                 let truth = truth(&nominal, &mut random);
                 let set = measured(&truth, n, PRECISE, &mut random);
-                let report = run(&CalibrationRequest::new(nominal.clone(), set));
+                let request = CalibrationRequest::new(nominal.clone(), set);
+                let report = run(&links_alone(&request));
                 unseen_mm(&report, &truth)
             })
             .collect();
@@ -467,7 +473,7 @@ fn poses_to_verify_are_placed_by_the_noise_that_they_show() {
                 verify: VerifySource::Set(verify),
                 ..CalibrationRequest::new(nominal.clone(), set.clone())
             };
-            run(&request)
+            run(&links_alone(&request))
         };
         let report = verified(to_verify);
         by_poses.push(report.verify.unwrap().after.rms_mm);
@@ -519,7 +525,7 @@ fn a_wrong_convention_is_told_by_the_identified_robot_where_the_target_turns_lit
                 point.rotation_angles_rad = angles;
                 point.rotation = angles.map(|angles| read.rotation(&angles));
             }
-            run(&CalibrationRequest::new(nominal.clone(), set))
+            run(&links_alone(&CalibrationRequest::new(nominal.clone(), set)))
         };
         let is_told = |report: &CalibrationReport| {
             let mut told = report.warnings.iter();

@@ -2,8 +2,8 @@
 
 use crate::data::{paper_robot, paper_set, real_data, robot};
 use crate::simulation::{
-    Campaign, NonlinearErrors, Normal, found, identified, intervals_held, limited, measure, poses,
-    position_with_sag, robot_of_the_priors, tool_intervals_held, true_robot,
+    Campaign, NonlinearErrors, Normal, found, identified, intervals_held, limited, links_alone,
+    measure, poses, position_with_sag, robot_of_the_priors, tool_intervals_held, true_robot,
 };
 use kincal::calibration::request::{CorrectionsChoice, Loss};
 use kincal::calibration::{CalibrationReport, CalibrationRequest, Method, Preset, calibrate};
@@ -14,9 +14,13 @@ use kincal::measurement::{Frame, MeasurementSet, Subset};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use rand::RngExt;
 use std::ops::ControlFlow;
+use std::sync::LazyLock;
 
 /// Robots per test; `examples/study/coverage.rs` uses 1,000.
 const ROBOTS: u64 = 80;
+
+/// Robots with white noise alone, for the tests that share them.
+static PLAIN: LazyLock<Vec<Run>> = LazyLock::new(|| runs(Campaign::PLAIN));
 
 struct Run {
     truth: KinematicModel,
@@ -24,6 +28,18 @@ struct Run {
 }
 
 fn runs(campaign: Campaign) -> Vec<Run> {
+    runs_of(campaign, |request| request)
+}
+
+/// The same, for the uncertainty of parameters alone.
+fn runs_of_links(campaign: Campaign) -> Vec<Run> {
+    runs_of(campaign, |request| links_alone(&request))
+}
+
+fn runs_of(
+    campaign: Campaign,
+    change: impl Fn(CalibrationRequest) -> CalibrationRequest,
+) -> Vec<Run> {
     let run = |seed: u64| {
         let nominal = limited(paper_robot());
         let mut random = Normal::new(seed);
@@ -38,6 +54,7 @@ fn runs(campaign: Campaign) -> Vec<Run> {
             method: Method::LeastSquares,
             ..CalibrationRequest::new(nominal, set)
         };
+        let request = change(request);
         Run {
             truth,
             report: calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap(),
@@ -66,6 +83,7 @@ fn robust_runs(loss: Loss) -> Vec<Run> {
             ..CalibrationRequest::new(nominal, set)
         };
         request.options.loss = Some(loss);
+        let request = links_alone(&request);
         Run {
             truth,
             report: calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap(),
@@ -83,7 +101,7 @@ fn with_wild_points_and_a_robust_loss_the_intervals_are_those_of_the_other_point
         let (sum, n) = stds.fold((0.0, 0), |(sum, n), std| (sum + std, n + 1));
         sum / f64::from(n)
     };
-    let plain = mean_std(&runs(Campaign::PLAIN));
+    let plain = mean_std(&PLAIN);
     for loss in [Loss::Huber, Loss::Tukey] {
         let runs = robust_runs(loss);
         let (held, wider) = (coverage(&runs), mean_std(&runs) / plain);
@@ -122,14 +140,14 @@ fn n_runs_with(
 
 #[test]
 fn with_white_noise_the_stated_intervals_hold_the_truth_in_93_to_97_of_100_cases() {
-    let runs = runs(Campaign::PLAIN);
-    let held = coverage(&runs);
+    let runs = &*PLAIN;
+    let held = coverage(runs);
     println!("{held:.2} % held");
     assert!((93.0..=97.0).contains(&held), "{held} %");
     // A part that does not exist is kept in at most one of twenty cases: 80 · 0.05 plus three standard deviations.
     assert!(
-        n_runs_with(&runs, |e| e.misfit_std_deg) <= 10
-            && n_runs_with(&runs, |e| e.configuration_std_mm) == 0
+        n_runs_with(runs, |e| e.misfit_std_deg) <= 10
+            && n_runs_with(runs, |e| e.configuration_std_mm) == 0
     );
     let noise = runs
         .iter()
@@ -149,7 +167,7 @@ const TOOL_HELD: std::ops::RangeInclusive<f64> = 93.0..=97.0;
 #[test]
 fn with_white_noise_the_stated_intervals_of_the_tool_hold_it_in_93_to_97_of_100_cases() {
     let (mut stated, mut held) = (0, 0);
-    for (seed, Run { truth, report }) in runs(Campaign::PLAIN).iter().enumerate() {
+    for (seed, Run { truth, report }) in PLAIN.iter().enumerate() {
         let elsewhere = poses(20, &mut Normal::new(1000 + seed as u64));
         let counts = tool_intervals_held(&paper_robot(), truth, report, &elsewhere, 0.0);
         (stated, held) = (stated + counts.0, held + counts.1);
@@ -170,7 +188,7 @@ fn what_the_points_of_a_configuration_share_is_found_and_counted() {
         shared_mm: 0.06,
         ..Campaign::PLAIN
     };
-    let runs = runs(shared);
+    let runs = runs_of_links(shared);
     assert!(
         n_runs_with(&runs, |e| e.configuration_std_mm) >= 76,
         "twice the noise is found in 95 % of the campaigns"
@@ -182,7 +200,7 @@ fn what_the_points_of_a_configuration_share_is_found_and_counted() {
 
 #[test]
 fn sag_that_no_model_knows_is_noticed_and_widens_the_intervals() {
-    let runs = runs(Campaign {
+    let runs = runs_of_links(Campaign {
         sag_rad: 5e-4,
         ..Campaign::PLAIN
     });
@@ -202,10 +220,15 @@ const PREDICTED_OVER_TRUE_WITH_SAG: std::ops::Range<f64> = 0.85..1.8;
 #[test]
 fn the_predicted_tool_uncertainty_is_that_of_unseen_poses() {
     for sag_rad in [0.0, 1e-4] {
-        let runs = runs(Campaign {
+        let sagging = || Campaign {
             sag_rad,
             ..Campaign::PLAIN
-        });
+        };
+        let runs = if sag_rad > 0.0 {
+            &runs(sagging())
+        } else {
+            &*PLAIN
+        };
         let (mut predicted, mut missed) = (0.0, 0.0);
         for (seed, Run { truth, report }) in runs.iter().enumerate() {
             let tool = report.tool_uncertainty.unwrap();

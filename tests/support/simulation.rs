@@ -1,6 +1,8 @@
 //! Simulated robots: random errors of every number of every link, random poses, normal noise, and sag that no model here
 //! knows of.
 
+use kincal::calibration::CalibrationRequest;
+use kincal::calibration::request::CorrectionsChoice;
 use kincal::identification::KinematicModel;
 use kincal::identification::model::parameters::{
     Parameter, Quantity, apply, complete_parameters, is_parallel,
@@ -323,6 +325,15 @@ pub fn intervals_held(
         }
     }
     counts
+}
+
+/// A request without corrections. They change neither links nor placement nor what screening finds, and take half of the time: for tests that look at
+/// nothing else.
+pub fn links_alone(request: &CalibrationRequest) -> CalibrationRequest {
+    CalibrationRequest {
+        corrections: Some(CorrectionsChoice::Off),
+        ..request.clone()
+    }
 }
 
 /// The identified robot of a report.

@@ -25,12 +25,11 @@ use crate::calibration::validation::session_fit::SessionScatter;
 use crate::calibration::validation::verdict;
 use crate::calibration::validation::verification_set::refits;
 use crate::calibration::validation::verification_set::{Layout, PlacedCorrected};
-use crate::calibration::warnings::following;
 use crate::calibration::warnings::last_joint::{LastJoint, impossible_reflector, last_joint};
 use crate::calibration::warnings::orientation::{self, flange_rotation};
 use crate::calibration::warnings::overstated_noise::OverstatedNoise;
 use crate::calibration::warnings::plausibility::{
-    JOINT_MAP, TOOL_UNCERTAIN, base_frame_off, joint_counted_otherwise,
+    JOINT_MAP, TOOL_UNCERTAIN, base_frame_off, joint_counted_otherwise, of_following_joints,
 };
 use crate::calibration::warnings::refused_upload::{advised, with_unread};
 use crate::calibration::warnings::screening::{
@@ -309,11 +308,14 @@ pub fn report(
             }),
     };
     let followings: Vec<Warning> = (estimated.iter().filter(|_| misfit.is_none()))
-        .flat_map(following::warnings)
+        .flat_map(of_following_joints)
         .collect();
     let uncertainty = estimated.filter(|_| why_not_stated.is_none());
+    // of no use without points to verify
+    let is_verified = problem.observed.subsets.contains(&Subset::Verify);
     let of_verified = match final_fit {
-        Some(_) => stated(problem, model, watch),
+        Some(_) if is_verified => stated(problem, model, watch),
+        Some(_) => None,
         None => uncertainty.clone(),
     };
     let beyond = of_verified

@@ -6,14 +6,13 @@ use crate::calibration::report::{SubsetErrors, Warning};
 use crate::calibration::solve::most_probable::Held;
 use crate::identification::KinematicModel;
 use crate::identification::least_squares::start::fit_base_and_targets;
-use crate::identification::model::objective::{Observation, residuals};
+use crate::identification::model::objective::{Observation, counting, rms_mm};
 use crate::identification::model::parameters::{Parameter, complete_parameters, deviation_from};
 use crate::identification::statistics::misfit::{Following, HARMONICS, Misfit, gravity_directions};
 use crate::identification::statistics::uncertainty::{Session, Uncertainty, uncertainty};
 use crate::identification::statistics::workspace::ToolUncertainty;
 use crate::measurement::Subset;
 use crate::solvers::watch::Watch;
-use nalgebra::Vector3;
 use std::collections::BTreeSet;
 
 /// Largest distance of the answer from the minimum of the cost, in standard deviations. The covariance holds only at the minimum.
@@ -126,16 +125,9 @@ pub fn with_found_misfit(of_links: ToolUncertainty, identify: &SubsetErrors) -> 
 /// Why the tool's uncertainty is useless: the nominal robot, with base and targets fitted to the points, is closer than this uncertainty.
 pub fn why_it_says_nothing(problem: &Problem<'_>, tool: &ToolUncertainty) -> Option<String> {
     let n_targets = problem.screening.targets.len();
-    let points: Vec<Observation> = problem.trusted();
-    let points: Vec<Observation> = points.into_iter().filter(|o| o.weight > 0.0).collect();
+    let points = counting(&problem.trusted());
     let links = &problem.request.robot.links;
-    let nominal = fit_base_and_targets(links, &points, n_targets);
-    let nominal_mm = (residuals(&nominal, &points)
-        .iter()
-        .map(Vector3::norm_squared)
-        .sum::<f64>()
-        / points.len().max(1) as f64)
-        .sqrt();
+    let nominal_mm = rms_mm(&fit_base_and_targets(links, &points, n_targets), &points);
     // NaN fails this comparison and counts as useless
     if tool.mean_mm <= nominal_mm {
         return None;
@@ -172,14 +164,8 @@ pub fn nothing_left(problem: &Problem<'_>) -> Option<Warning> {
 
 /// Number of equations and rank, if there are no more equations than the rank. Repeated poses do not add equations: they show only the repeatability.
 pub fn without_redundancy(problem: &Problem<'_>) -> Option<(usize, usize)> {
-    let counting: Vec<Observation> = problem
-        .identify
-        .iter()
-        .filter(|o| o.weight > 0.0)
-        .cloned()
-        .collect();
     let rank = problem.decomposition.rank();
-    let equations = n_equations(&counting, rank + 1);
+    let equations = n_equations(&counting(&problem.identify), rank + 1);
     (equations <= rank).then_some((equations, rank))
 }
 

@@ -51,21 +51,13 @@ impl FittedTargets {
     /// The name of a parameter. For an earlier segment, for example `target_0_segment_0_x`.
     pub fn name(&self, parameter: &Parameter) -> String {
         match *parameter {
-            Parameter::Target(fitted, _) if fitted >= self.n_targets => {
+            Parameter::Target(fitted, _) | Parameter::TargetRotation(fitted, _)
+                if fitted >= self.n_targets =>
+            {
                 let (target, segment) = self.segments[fitted];
                 let name = parameter.name();
-                format!(
-                    "target_{target}_segment_{segment}_{}",
-                    &name[name.len() - 1..]
-                )
-            }
-            Parameter::TargetRotation(fitted, _) if fitted >= self.n_targets => {
-                let (target, segment) = self.segments[fitted];
-                let name = parameter.name();
-                format!(
-                    "target_{target}_segment_{segment}_{}",
-                    &name[name.len() - 2..]
-                )
+                let axis = name.rsplit('_').next().unwrap_or_default();
+                format!("target_{target}_segment_{segment}_{axis}")
             }
             _ => parameter.name(),
         }

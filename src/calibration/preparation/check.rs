@@ -3,9 +3,8 @@
 use crate::calibration::preparation::arrangement::Arrangement;
 use crate::calibration::preparation::equations::{generic_jacobian, model_rank, n_equations};
 use crate::calibration::preparation::observe::{
-    DEFAULT_VERIFY_FRACTION, free_parameters, observe, with_target_rotations,
+    DEFAULT_VERIFY_FRACTION, free_parameters, nominal_model, observe, with_target_rotations,
 };
-use crate::calibration::preparation::placement::nominal_model;
 use crate::calibration::request::{CalibrationRequest, Method, Model, VerifySource};
 use crate::calibration::settings::settings;
 use crate::calibration::settings::{box_too_small, half_widths};

@@ -1,6 +1,6 @@
 //! From a request to the problem that is solved: checks, screening, segments and set-ups, priors.
 
-mod all_fit;
+pub mod all_fit;
 pub mod arrangement;
 pub mod check;
 pub mod equations;
@@ -9,10 +9,8 @@ pub mod loss;
 pub mod motions;
 pub mod observe;
 pub mod placed_weights;
-pub mod placement;
 pub mod prepare;
 pub mod row_weights;
 pub mod screening;
-pub mod session_errors;
 pub mod stated_priors;
 mod turned_poses;

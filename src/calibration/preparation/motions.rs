@@ -4,8 +4,9 @@ use crate::calibration::Error;
 use crate::calibration::preparation::arrangement::{
     Arrangement, FittedTargets, MIN_OF_SETUP, motion, standing, with_moved_targets,
 };
-use crate::calibration::preparation::observe::{Observed, free_parameters, with_target_rotations};
-use crate::calibration::preparation::placement::{nominal_model, placed};
+use crate::calibration::preparation::observe::{
+    Observed, free_parameters, nominal_model, placed, with_target_rotations,
+};
 use crate::calibration::request::CalibrationRequest;
 use crate::identification::KinematicModel;
 use crate::identification::least_squares::estimate::{estimate, least_squares_while};

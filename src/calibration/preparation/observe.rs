@@ -1,14 +1,17 @@
-//! From a request to what is fitted and scored: observations in the model's joint convention, their subsets, and the free parameters.
+//! From a request to what is fitted and scored: observations in the model's joint convention, their subsets, the free parameters, and robots with given
+//! links whose base and targets are placed on the observations.
 
 use crate::calibration::request::{CalibrationRequest, Model, ParameterChoice, VerifySource};
 use crate::calibration::{Error, unusable};
+use crate::identification::KinematicModel;
 use crate::identification::least_squares::problem::usual_mm_per_rad;
-use crate::identification::model::objective::{Observation, posed_targets};
+use crate::identification::least_squares::start::{fit_base_and_targets, fit_targets};
+use crate::identification::model::objective::{Observation, counting, posed_targets};
 use crate::identification::model::parameters::{
     Parameter, complete_parameters, paper_parameters, target_rotation_parameters,
 };
 use crate::identification::model::pose_rows::MeasuredRotation;
-use crate::kinematics::{Robot, reach_mm};
+use crate::kinematics::{Link, Robot, reach_mm};
 use crate::measurement::{Frame, MeasurementSet, Subset, split};
 use nalgebra::{IsometryMatrix3, Matrix3, Point3, Rotation3, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
@@ -138,23 +141,21 @@ pub(super) fn relative_weights(precisions: &[f64], counts: impl Fn(usize) -> boo
 
 /// The request's own set, with all points to verify.
 pub fn observe_to_verify(request: &CalibrationRequest) -> Observed {
-    let set = &request.set;
-    Observed::new(
-        request,
-        set,
-        &to_base(request),
-        vec![Subset::Verify; set.points.len()],
-    )
+    all_to_verify(request, &request.set, &to_base(request))
 }
 
 /// Another set of the same robot, with all points to verify.
 pub fn observe_verify_set(request: &CalibrationRequest, set: &MeasurementSet) -> Observed {
-    Observed::new(
-        request,
-        set,
-        &IsometryMatrix3::identity(),
-        vec![Subset::Verify; set.points.len()],
-    )
+    all_to_verify(request, set, &IsometryMatrix3::identity())
+}
+
+fn all_to_verify(
+    request: &CalibrationRequest,
+    set: &MeasurementSet,
+    to_base: &IsometryMatrix3<f64>,
+) -> Observed {
+    let subsets = vec![Subset::Verify; set.points.len()];
+    Observed::new(request, set, to_base, subsets)
 }
 
 /// Transform from measured positions to the frame of the fit. That is the base frame if sweeps give it, else the measuring frame.
@@ -283,4 +284,34 @@ pub fn free_parameters(
         ));
     }
     Ok(free)
+}
+
+/// The nominal robot in the frame of the fit. With sweeps, z_t is merged into d of the last link [Gao 2018, section 2.2].
+pub fn nominal_model(
+    request: &CalibrationRequest,
+    identify: &[Observation],
+    n_targets: usize,
+) -> KinematicModel {
+    let mut links = request.robot.links.clone();
+    let frames = request.frames.as_ref();
+    if let (Model::Paper, Some(frames), Some(last)) = (request.model(), frames, links.last_mut()) {
+        last.d_mm += frames.z_tool_mm;
+    }
+    placed(request, links, &counting(identify), n_targets)
+}
+
+/// A robot with these links. Base and targets are fitted where the request's model and frame leave them unknown.
+pub fn placed(
+    request: &CalibrationRequest,
+    links: Vec<Link>,
+    observations: &[Observation],
+    n_targets: usize,
+) -> KinematicModel {
+    match (request.model(), request.set.frame) {
+        (Model::Paper, _) => KinematicModel::nominal(&links, n_targets),
+        (Model::Complete, Frame::Base) => fit_targets(&links, observations, n_targets),
+        (Model::Complete, Frame::Instrument) => {
+            fit_base_and_targets(&links, observations, n_targets)
+        }
+    }
 }

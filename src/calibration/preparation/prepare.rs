@@ -2,8 +2,9 @@
 
 use crate::calibration::preparation::loss::PointLoss;
 use crate::calibration::preparation::motions::parameters_of;
-use crate::calibration::preparation::observe::{Observed, observe, with_target_rotations};
-use crate::calibration::preparation::placement::nominal_model;
+use crate::calibration::preparation::observe::{
+    Observed, nominal_model, observe, with_target_rotations,
+};
 use crate::calibration::preparation::row_weights::weigh;
 use crate::calibration::preparation::screening::screen;
 use crate::calibration::preparation::stated_priors::stated_priors;

@@ -9,8 +9,7 @@
 
 use crate::calibration::Error;
 use crate::calibration::preparation::motions::fit_motions;
-use crate::calibration::preparation::observe::{Observed, relative_weights, to_base};
-use crate::calibration::preparation::placement::placed;
+use crate::calibration::preparation::observe::{Observed, placed, relative_weights, to_base};
 use crate::calibration::problem::Problem;
 use crate::calibration::request::{CalibrationRequest, Method, Preset};
 use crate::identification::least_squares::estimate::{Estimate, estimate};
@@ -20,7 +19,7 @@ use crate::identification::least_squares::evidence::{
 use crate::identification::least_squares::linearisation::decomposition_at;
 use crate::identification::least_squares::multistart::{BestStart, best_start};
 use crate::identification::least_squares::problem::{self, USUAL_ANGLE_RAD, usual_length_mm};
-use crate::identification::model::objective::Observation;
+use crate::identification::model::objective::{Observation, counting};
 use crate::identification::model::parameters::Parameter;
 use crate::measurement::position_noise::PositionNoise;
 use crate::measurement::{MeasurementSet, Point, Subset};
@@ -155,9 +154,8 @@ pub fn weigh(problem: &mut Problem<'_>, watch: &Watch<'_>) -> Result<(), Error> 
         problem.identify = problem.observed.of(Subset::Identify);
     }
     // the nominal robot ("before") is placed with the same weights as the identified one
-    let counting = problem.identify.iter().filter(|o| o.weight > 0.0);
-    let counting: Vec<Observation> = counting.cloned().collect();
     let links = problem.nominal.links.clone();
+    let counting = counting(&problem.identify);
     problem.nominal = placed(problem.request, links, &counting, n_targets);
     problem.decomposition = decomposition_at(
         &problem.nominal,

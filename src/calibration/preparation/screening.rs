@@ -4,23 +4,21 @@
 //! fits.
 
 use crate::calibration::Error;
-use crate::calibration::preparation::all_fit::{AllFit, fit_all};
+use crate::calibration::preparation::all_fit::{AllFit, SessionErrors, fit_all, session_errors};
 use crate::calibration::preparation::arrangement::{Arrangement, FittedTargets, motion};
 use crate::calibration::preparation::gross_errors::{
     MAX_SEARCHES, WithoutGross, lone_suspects, without_gross,
 };
 use crate::calibration::preparation::motions::{fit_motions, place_setups};
 use crate::calibration::preparation::observe::Observed;
-use crate::calibration::preparation::session_errors::{SessionErrors, session_errors};
 use crate::calibration::preparation::turned_poses::{TurnedPose, turned_poses, turned_target};
 use crate::calibration::request::{CalibrationRequest, Loss, Model, Preset};
 use crate::identification::screening::outliers::Outliers;
-use crate::identification::screening::steps::{Campaign, Moved, Step, TargetShift};
+use crate::identification::screening::steps::{Campaign, Jump, Moved, Step};
 use crate::identification::screening::whitening::Whitened;
 use crate::kinematics::Link;
 use crate::measurement::Subset;
 use crate::solvers::watch::Watch;
-use nalgebra::Vector3;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// If more than this share of all points are outliers, a person has to review them.
@@ -46,30 +44,6 @@ pub struct Outlier {
     pub angle_rad: Option<f64>,
 }
 
-/// The part that moved in a step.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum WhatMoved {
-    /// A target on the flange.
-    Target(usize),
-    /// The base, or the instrument.
-    Base,
-}
-
-/// A step: something moved.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FoundStep {
-    /// The part that moved.
-    pub moved: WhatMoved,
-    /// First data row after the step.
-    pub row: usize,
-    /// Displacement, mm: of a target in the flange frame, of the base in the measuring frame. A moved instrument shows with the opposite sign.
-    pub vector_mm: Vector3<f64>,
-    /// Rotation, rad: of the base in the measuring frame, of a target of poses in its own frame.
-    pub turn_rad: Vector3<f64>,
-    /// True if the step separates only one point at an end. It may be an outlier, and is treated as one.
-    pub is_one_point: bool,
-}
-
 /// Result of the screening.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Screening {
@@ -84,7 +58,7 @@ pub struct Screening {
     /// True if the outliers are few enough to be left out of comparisons.
     pub are_few: bool,
     /// Steps, by row.
-    pub steps: Vec<FoundStep>,
+    pub steps: Vec<Step>,
     /// Play, shared errors and drift.
     pub over_session: SessionErrors,
     /// Rows of segments without identify points. They are scored with the segment before.
@@ -148,15 +122,9 @@ pub fn screen(
             )
         {
             arrangement.split_target(observed, twist.first);
-            screening.steps.push(FoundStep {
-                moved: WhatMoved::Target(observed.targets[twist.first]),
-                row: twist.first,
-                vector_mm: Vector3::zeros(),
-                turn_rad: twist.turn_rad,
-                is_one_point: false,
-            });
+            screening.steps.push(twist);
         }
-        screening.steps.sort_by_key(|s| s.row);
+        screening.steps.sort_by_key(|s| s.first);
         screening.unfitted_rows = arrangement.join_unfitted(observed);
         // positions may leave the flange of the fitted links open, and the nominal ones have unmastered joints: a pose is turned for both
         let for_nominal = turned_poses(&request.robot.links, observed, &arrangement);
@@ -239,11 +207,11 @@ fn search(
             (&without_lone.flatten(), in_segments.div_ceil(2)),
             (&without, 0),
         ];
-        for (step, n_to_explain) in tried {
-            let Some(step) = step.as_ref().filter(|s| s.n_minor > 1) else {
+        for (jump, n_to_explain) in tried {
+            let Some(jump) = jump.as_ref().filter(|jump| jump.n_minor > 1) else {
                 continue;
             };
-            let mut trial = split(observed, &fit, arrangement, step);
+            let mut trial = split(observed, &fit, arrangement, jump);
             let refit = fit_all(request, observed, &mut trial, &gross, watch)?;
             let left = refit.outliers(watch);
             let n_left = left.as_ref().map(|w| others(&w.points, &gross).len());
@@ -251,7 +219,7 @@ fn search(
                 continue;
             }
             // a real step explains the points on its smaller side; if many of them remain outliers, they are not a segment
-            let minor = others(&minor_side(observed, arrangement, step), &gross);
+            let minor = others(&minor_side(observed, arrangement, jump), &gross);
             let still_outlying = left.as_ref().map_or(0, |w| {
                 // `points` is in ascending order
                 let is_outlier = |p: &&usize| w.points.binary_search(p).is_ok();
@@ -260,26 +228,25 @@ fn search(
             if still_outlying as f64 >= SCATTERED * minor.len() as f64 {
                 continue;
             }
-            screening.steps.extend(found(step, false));
+            screening.steps.extend(&jump.steps);
             (*arrangement, fit, outliers, accepted) = (trial, refit, left, true);
             break;
         }
         if !accepted {
             // the paper's model holds the target nominal at first and frees it after a step: if the real target is elsewhere, any such step is a gain
-            let frees_all = |s: &Step| {
-                request.model() == Model::Paper && lone_point(observed, arrangement, s) != s.first
+            let frees_all = |jump: &Jump| {
+                request.model() == Model::Paper
+                    && lone_point(observed, arrangement, jump) != jump.first
             };
-            let is_lone = |s: &Step| {
-                s.n_minor == 1
-                    && suspects
-                        .iter()
-                        .all(|p| *p == lone_point(observed, arrangement, s))
+            let is_lone = |jump: &Jump| {
+                let lone = lone_point(observed, arrangement, jump);
+                jump.n_minor == 1 && suspects.iter().all(|p| *p == lone)
             };
             // beside gross errors, a single point is another gross error
             let lone = with_all.filter(|s| gross.is_empty() && is_lone(s) && !frees_all(s));
             screening
                 .steps
-                .extend(lone.iter().flat_map(|step| found(step, true)));
+                .extend(lone.iter().flat_map(|jump| &jump.steps));
             break;
         }
     }
@@ -309,16 +276,16 @@ fn search_again(
     Ok(fit.outliers(watch))
 }
 
-/// The points on the smaller side of a step.
-fn minor_side(observed: &Observed, arrangement: &Arrangement, step: &Step) -> Vec<usize> {
-    let moves = |p: &&usize| match step.moved {
-        Moved::Target(target) => observed.targets[**p] == target,
-        Moved::AllTargets | Moved::Base | Moved::BaseShift => true,
+/// The points on the smaller side of a jump.
+fn minor_side(observed: &Observed, arrangement: &Arrangement, jump: &Jump) -> Vec<usize> {
+    let moves = |p: &&usize| {
+        let is_of = |target| observed.targets[**p] == target;
+        jump.target.is_none_or(is_of)
     };
     let at = arrangement
         .order
         .iter()
-        .position(|p| *p == step.first)
+        .position(|p| *p == jump.first)
         .unwrap_or(0);
     let (before, after) = arrangement.order.split_at(at);
     let side = |points: &[usize]| -> Vec<usize> { points.iter().filter(moves).copied().collect() };
@@ -330,7 +297,7 @@ fn minor_side(observed: &Observed, arrangement: &Arrangement, step: &Step) -> Ve
     }
 }
 
-fn find(observed: &Observed, fit: &AllFit, order: &[usize], watch: &Watch<'_>) -> Option<Step> {
+fn find(observed: &Observed, fit: &AllFit, order: &[usize], watch: &Watch<'_>) -> Option<Jump> {
     if !watch.goes_on() {
         return None;
     }
@@ -350,64 +317,30 @@ fn find(observed: &Observed, fit: &AllFit, order: &[usize], watch: &Watch<'_>) -
         least_scale_mm,
         watch,
     };
-    campaign.step()
+    campaign.jump()
 }
 
-fn split(observed: &Observed, fit: &AllFit, arrangement: &Arrangement, step: &Step) -> Arrangement {
+fn split(observed: &Observed, fit: &AllFit, arrangement: &Arrangement, jump: &Jump) -> Arrangement {
     let mut trial = arrangement.clone();
-    match step.moved {
-        Moved::Target(_) | Moved::AllTargets => {
-            let firsts = step.of_targets.iter().map(|shift| shift.first);
-            firsts.for_each(|first| trial.split_target(observed, first));
+    for step in &jump.steps {
+        match step.moved {
+            Moved::Target(_) => trial.split_target(observed, step.first),
+            Moved::Base => trial.split_base(
+                step.first,
+                &motion(&step.shift_mm, &step.turn_rad, &fit.columns.centre),
+            ),
         }
-        Moved::Base | Moved::BaseShift => trial.split_base(
-            step.first,
-            &motion(&step.shift_mm, &step.turn_rad, &fit.columns.centre),
-        ),
     }
     trial
 }
 
-/// The step as it is reported: one entry per target, or one for the base.
-fn found(step: &Step, is_one_point: bool) -> Vec<FoundStep> {
-    if matches!(step.moved, Moved::Base | Moved::BaseShift) {
-        return vec![FoundStep {
-            moved: WhatMoved::Base,
-            row: step.first,
-            vector_mm: step.shift_mm,
-            turn_rad: step.turn_rad,
-            is_one_point,
-        }];
-    }
-    let of_target = |shift: &TargetShift| FoundStep {
-        moved: WhatMoved::Target(shift.target),
-        row: shift.first,
-        vector_mm: shift.shift_mm,
-        turn_rad: Vector3::zeros(),
-        is_one_point,
-    };
-    step.of_targets.iter().map(of_target).collect()
-}
-
-/// The single point that a step at an end separates.
-fn lone_point(observed: &Observed, arrangement: &Arrangement, step: &Step) -> usize {
-    let of_target = |p: &&usize| observed.targets[**p] == observed.targets[step.first];
-    let last = arrangement
-        .order
-        .iter()
-        .rfind(of_target)
-        .copied()
-        .unwrap_or(step.first);
-    if last == step.first {
-        last
-    } else {
-        arrangement
-            .order
-            .iter()
-            .find(of_target)
-            .copied()
-            .unwrap_or(last)
-    }
+/// The single point that a jump at an end separates.
+fn lone_point(observed: &Observed, arrangement: &Arrangement, jump: &Jump) -> usize {
+    let of_target = |p: &&usize| observed.targets[**p] == observed.targets[jump.first];
+    let mut of_target = arrangement.order.iter().filter(of_target).copied();
+    let first = of_target.next().unwrap_or(jump.first);
+    let last = of_target.last().unwrap_or(first);
+    if last == jump.first { last } else { first }
 }
 
 /// Records the outliers. Sets the weight of those to identify to 0 if they are few enough.

@@ -1,8 +1,7 @@
 //! Priors and bounds of a request: checks, conversion for the fit, and outcome.
 
 use crate::calibration::Error;
-use crate::calibration::preparation::observe::{free_parameters, model_parameters};
-use crate::calibration::preparation::placement::placed;
+use crate::calibration::preparation::observe::{free_parameters, model_parameters, placed};
 use crate::calibration::problem::Problem;
 use crate::calibration::problem::StatedPriors;
 use crate::calibration::problem::value_of;

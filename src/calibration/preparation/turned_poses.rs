@@ -6,6 +6,7 @@ use crate::calibration::preparation::observe::Observed;
 use crate::identification::least_squares::hand_eye::{
     angle_rad, base_and_target_rotation, robustly,
 };
+use crate::identification::screening::steps::{Moved, Step};
 use crate::identification::screening::target_turns::target_turn;
 use crate::kinematics::{Link, t_base_flange};
 use crate::solvers::median::median;
@@ -28,15 +29,6 @@ pub struct TurnedPose {
     pub angle_rad: f64,
 }
 
-/// A target that was twisted.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TurnedTarget {
-    /// Its first point after that.
-    pub first: usize,
-    /// Rotation vector in the frame of the target, rad.
-    pub turn_rad: Vector3<f64>,
-}
-
 /// The turned poses, by point. Base and target are rotated for the best fit of these links, for each segment of a target and set-up.
 pub fn turned_poses(
     links: &[Link],
@@ -57,7 +49,7 @@ pub fn turned_target(
     observed: &Observed,
     arrangement: &Arrangement,
     watch: &Watch<'_>,
-) -> Option<TurnedTarget> {
+) -> Option<Step> {
     let configurations = observed.all_clusters();
     groups(observed, arrangement).find_map(|points| {
         let of_points: Vec<usize> = points.iter().map(|point| configurations[*point]).collect();
@@ -69,10 +61,13 @@ pub fn turned_target(
                 .flatten()
         };
         let [fitted, nominal] = links;
-        let (found, by_nominal) = by(fitted).zip(by(nominal))?;
-        (found.first.abs_diff(by_nominal.first) <= 1).then(|| TurnedTarget {
-            first: points[found.first],
-            turn_rad: found.turn_rad,
+        let ((first, turn_rad), (by_nominal, _)) = by(fitted).zip(by(nominal))?;
+        (first.abs_diff(by_nominal) <= 1).then(|| Step {
+            moved: Moved::Target(observed.targets[points[first]]),
+            first: points[first],
+            shift_mm: Vector3::zeros(),
+            turn_rad,
+            is_one_point: false,
         })
     })
 }

@@ -1,6 +1,6 @@
 //! Chooses the method and its start, with the reason.
 
-use crate::calibration::preparation::placement::placed;
+use crate::calibration::preparation::observe::placed;
 use crate::calibration::preparation::row_weights::start_of_poses;
 use crate::calibration::problem::Problem;
 use crate::calibration::request::Method;

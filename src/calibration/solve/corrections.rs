@@ -435,15 +435,9 @@ pub fn placed_anew(robot: &IdentifiedRobot, observations: &[Observation]) -> Ide
     let with_corrections = |corrected: &CorrectedModel| {
         let flange = |o: &Observation| corrected.t_base_flange(&o.q_rad);
         let flanges: Vec<IsometryMatrix3<f64>> = observations.iter().map(flange).collect();
-        let placement = place(&flanges, observations, n_targets);
-        let model = KinematicModel {
-            t_instrument_base: placement.t_instrument_base,
-            links: corrected.model.links.clone(),
-            targets_mm: placement.targets_mm,
-            target_rotations: placement.target_rotations,
-        };
+        let links = &corrected.model.links;
         CorrectedModel {
-            model,
+            model: place(links, &flanges, observations, n_targets),
             ..corrected.clone()
         }
     };

@@ -5,31 +5,33 @@
 
 use crate::calibration::outcome::delivery::delivered;
 use crate::calibration::outcome::stated_uncertainty::{
-    estimated, why_not_stated, without_redundancy,
+    estimated, misfit, why_not_stated, without_redundancy,
 };
 use crate::calibration::preparation::arrangement::Arrangement;
+use crate::calibration::preparation::loss::PointLoss;
 use crate::calibration::preparation::motions::fit_motions;
 use crate::calibration::preparation::row_weights::weigh;
 use crate::calibration::preparation::stated_priors::stated_priors;
 use crate::calibration::problem::Problem;
 use crate::calibration::report::{FinalErrors, Warning};
 use crate::calibration::request::{FinalFit, Preset};
-use crate::calibration::solve::corrected_errors::corrected_errors;
-use crate::calibration::solve::corrections;
+use crate::calibration::solve::corrections::{self, Points, setting};
 use crate::calibration::solve::solution::least_squares_from;
 use crate::calibration::stages::{quiet, watched};
 use crate::calibration::{Error, Monitor};
 use crate::compensation::tool_differences;
 use crate::identification::KinematicModel;
+use crate::identification::corrections::Fitted;
 use crate::identification::corrections::corrected::{CorrectedModel, IdentifiedRobot};
-use crate::identification::model::objective::residuals;
-use crate::identification::statistics::estimate::Estimate;
-use crate::identification::statistics::uncertainty::Uncertainty;
+use crate::identification::model::objective::{counting, rms_mm};
+use crate::identification::statistics::estimate::{CorrectedErrors, Estimate};
+use crate::identification::statistics::uncertainty::{
+    FittedCorrections, Session, Uncertainty, uncertainty,
+};
 use crate::identification::statistics::workspace::{ToolUncertainty, tool_uncertainty};
 use crate::kinematics::reach_mm;
 use crate::measurement::Subset;
 use crate::solvers::watch::Watch;
-use nalgebra::Vector3;
 
 /// The delivered robot, in the frame of the fit.
 pub struct Final<'a> {
@@ -128,14 +130,11 @@ pub fn final_fit<'a>(
         plain: delivered(&problem, &model),
         corrected,
     };
-    let counting: Vec<_> = problem.trusted();
-    let counting: Vec<_> = counting.into_iter().filter(|o| o.weight > 0.0).collect();
-    let squares = residuals(&model, &counting);
-    let sum: f64 = squares.iter().map(Vector3::norm_squared).sum();
+    let counting = counting(&problem.trusted());
     let moved = tool_differences(&verified.request.robot, &before, &after);
     let errors = FinalErrors {
         n_points: counting.len(),
-        rms_mm: (sum / counting.len().max(1) as f64).sqrt(),
+        rms_mm: rms_mm(&model, &counting),
         moved_mm: moved.mean_mm,
     };
     let uncertainty = watched(monitor, |watch| estimated(&problem, &model, watch))?;
@@ -207,4 +206,49 @@ impl<'a> Problem<'a> {
         problem.priors = stated_priors(&problem, watch)?;
         Ok(problem.decomposed_with_tool_of(model))
     }
+}
+
+/// Errors of the corrections that were fitted to the points of a problem. `links_alone` is its fit without corrections. `None` where the wider problem
+/// is not that of this fit: with a robust loss, whose pseudo-points are those of the links alone, with the frames of sweeps, and if the equations cannot
+/// be solved.
+fn corrected_errors(
+    problem: &Problem<'_>,
+    links_alone: &KinematicModel,
+    fitted: &Fitted,
+    watch: &Watch<'_>,
+) -> Option<CorrectedErrors> {
+    if problem.loss != PointLoss::Squares || problem.request.frames.is_some() {
+        return None;
+    }
+    let points = Points::new(problem, links_alone);
+    let nominal = delivered(problem, &problem.nominal);
+    let setting = setting(problem, &nominal, &[], &points);
+    let placed = setting.placed(fitted);
+    let of_links = problem.rows(&points.observations, &[]);
+    let rows = problem.rows(&placed, &[]);
+    let stations = match points.set_ups.is_empty() {
+        true => vec![None; placed.len()],
+        false => points.set_ups.clone(),
+    };
+    let found = uncertainty(Session {
+        model: &fitted.model,
+        problem: &rows,
+        observations: &placed,
+        configurations: &points.clusters,
+        stations: &stations,
+        corrections: Some(FittedCorrections {
+            corrections: setting.corrections(fitted),
+            mounting: setting.mounting,
+            widths: setting.widths(&fitted.terms),
+            fitted,
+            links_alone: (links_alone, &of_links),
+        }),
+        misfit: misfit(problem),
+        watch,
+    })?;
+    Some(CorrectedErrors {
+        terms: fitted.terms.clone(),
+        mounting: setting.mounting,
+        uncertainty: found,
+    })
 }

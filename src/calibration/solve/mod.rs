@@ -1,7 +1,6 @@
 //! Methods and their answers: least squares, swarms, corrections, the final fit.
 
 pub mod choice;
-pub mod corrected_errors;
 pub mod corrections;
 pub mod final_fit;
 pub mod larger_model;

@@ -8,7 +8,6 @@ pub mod fit;
 pub mod quick_check;
 pub mod repeatability;
 pub mod repeated_rows;
-pub mod rescoring;
 pub mod robust_comparison;
 pub mod same_poses;
 pub mod session_fit;

@@ -16,7 +16,7 @@ use crate::calibration::validation::errors::RobotAtPoints;
 use crate::identification::KinematicModel;
 use crate::identification::corrections::corrected::IdentifiedRobot;
 use crate::identification::least_squares::start::{fit_base_and_targets, rigid_motion};
-use crate::identification::model::objective::Observation;
+use crate::identification::model::objective::{Observation, counting};
 use crate::kinematics::reach_mm;
 use crate::measurement::Frame;
 use crate::measurement::{MeasurementSet, Subset};
@@ -48,19 +48,6 @@ pub struct Placed {
     pub observed: Observed,
     /// (target, segment) of each of the model's targets; segments count from 0.
     pub segments: Vec<(usize, usize)>,
-}
-
-impl Placed {
-    /// The points that base and targets are placed by.
-    fn counting(&self) -> Vec<Observation> {
-        counting(&self.observed.all)
-    }
-}
-
-/// The points with a weight.
-fn counting(points: &[Observation]) -> Vec<Observation> {
-    let weighted = points.iter().filter(|o| o.weight > 0.0);
-    weighted.cloned().collect()
 }
 
 /// A robot with corrections, and the points as they are placed for it.
@@ -165,8 +152,8 @@ impl<'a> Layout<'a> {
                 segments,
             };
             placed.observed.subsets.fill(Subset::Verify);
-            placed.model =
-                fit_base_and_targets(&model.links, &placed.counting(), placed.segments.len());
+            let points = counting(&placed.observed.all);
+            placed.model = fit_base_and_targets(&model.links, &points, placed.segments.len());
             Ok::<_, Error>((placed, arrangement.clone()))
         };
         let (mut placed, mut arranged) = fit(&mut observed)?;

@@ -2,11 +2,11 @@
 //! the base frame, base and targets are fitted, separately for the nominal and for the identified robot.
 
 use crate::calibration::point_errors::PointErrors;
-use crate::calibration::preparation::observe::observe_to_verify;
+use crate::calibration::preparation::observe::{observe, observe_to_verify};
 use crate::calibration::report::{
     BASE_NOT_CHECKED, CalibrationReport, Identifiability, SubsetErrors, Warning,
 };
-use crate::calibration::request::CalibrationRequest;
+use crate::calibration::request::{CalibrationRequest, VerifySource};
 use crate::calibration::stages::{stage, watched};
 use crate::calibration::validation::coverage::shows_little;
 use crate::calibration::validation::enough_points::{
@@ -22,10 +22,11 @@ use crate::calibration::{Error, Monitor, unusable};
 use crate::identification::KinematicModel;
 use crate::identification::corrections::corrected::IdentifiedRobot;
 use crate::identification::model::objective::cost;
-use crate::measurement::{Frame, Subset};
+use crate::measurement::{Frame, MeasurementSet, Subset};
 use crate::solvers::watch::Watch;
 use nalgebra::IsometryMatrix3;
 use std::collections::BTreeSet;
+use std::ops::ControlFlow;
 
 /// Reason if the points are in the base frame, but the base was placed anew.
 const BASE_PLACED_ANEW: &str = "the positions are in the base frame, but the base was placed anew (several stations, a target that the parameter set \
@@ -227,4 +228,41 @@ fn warnings(
     warnings.extend(few_verify_points(verify.n_points, scored.n_refitted));
     warnings.extend(scored.remarks.iter().cloned());
     warnings
+}
+
+/// Errors of another robot at each verify point, mm, for a request whose verify points are from its own upload. Base and targets are placed by all
+/// points of the upload, not by the verify points alone, as for the robot that the request identified.
+pub fn errors_on_verify_subset_mm(
+    request: &CalibrationRequest,
+    robot: &IdentifiedRobot,
+) -> Result<Vec<f64>, Error> {
+    let subsets = observe(request)?.subsets;
+    let errors = errors_mm(request, &request.set, robot)?.into_iter();
+    let of_verify = errors.zip(subsets).filter(|(_, s)| *s == Subset::Verify);
+    Ok(of_verify.map(|(error, _)| error).collect())
+}
+
+/// Errors of a robot at all points of `set`, mm, with base and targets placed anew as [`verify`] does. They are those of the links alone or with
+/// corrections, whichever are larger.
+pub fn errors_mm(
+    request: &CalibrationRequest,
+    set: &MeasurementSet,
+    robot: &IdentifiedRobot,
+) -> Result<Vec<f64>, Error> {
+    let request = CalibrationRequest {
+        set: set.clone(),
+        verify: VerifySource::Default,
+        ..request.clone()
+    };
+    let report = verify(&request, Some(robot), &mut |_| ControlFlow::Continue(()))?;
+    let verify = report
+        .verify
+        .ok_or_else(|| unusable("under_determined", "there are no points to verify on"))?;
+    let is_links = verify.worse() == verify.after;
+    Ok(report
+        .per_point
+        .iter()
+        .map(PointErrors::errors_mm)
+        .map(|[_, links, corrected]| if is_links { links } else { corrected })
+        .collect())
 }

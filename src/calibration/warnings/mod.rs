@@ -1,6 +1,5 @@
 //! Warnings of a report.
 
-pub mod following;
 pub mod last_joint;
 pub mod orientation;
 mod over_session;

@@ -23,7 +23,7 @@ use crate::identification::least_squares::estimate::{Estimate, estimate};
 use crate::identification::least_squares::evidence::Noise;
 use crate::identification::least_squares::problem::{Problem, Variable};
 use crate::identification::least_squares::start::fit_base_and_targets;
-use crate::identification::model::objective::Observation;
+use crate::identification::model::objective::{Observation, counting};
 use crate::identification::model::parameters::{Parameter, Quantity, complete_parameters};
 use crate::identification::statistics::workspace::random_configurations;
 use crate::kinematics::rotation::rotation_log;
@@ -164,10 +164,7 @@ pub fn last_joint_zero_remedy(n_links: usize) -> String {
 
 /// Points with nonzero weight, at most [`MAX_POINTS`] of them.
 fn thinned(observations: Vec<Observation>) -> Vec<Observation> {
-    let counting: Vec<Observation> = observations
-        .into_iter()
-        .filter(|o| o.weight > 0.0)
-        .collect();
+    let counting = counting(&observations);
     let every = counting.len().div_ceil(MAX_POINTS).max(1);
     counting.into_iter().step_by(every).collect()
 }

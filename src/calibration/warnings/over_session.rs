@@ -1,6 +1,6 @@
 //! Errors over a session, in words: play of joints, errors that the points of a visit share, drift.
 
-use crate::calibration::preparation::session_errors::SessionErrors;
+use crate::calibration::preparation::all_fit::SessionErrors;
 use crate::calibration::report::Warning;
 use crate::identification::screening::backlash::{Backlash, ShownBy};
 use crate::identification::screening::drift::{Course, Drift};

@@ -6,6 +6,7 @@ use crate::calibration::upload_checks::alignment::UNMASTERED_RAD;
 use crate::calibration::validation::errors::without_outliers;
 use crate::identification::least_squares::problem::{BASE_MM, BASE_RAD};
 use crate::identification::statistics::distributions::t_half_width;
+use crate::identification::statistics::uncertainty::Uncertainty;
 use crate::kinematics::rotation::within_half_a_turn;
 use crate::kinematics::{Link, reach_mm};
 use crate::measurement::Subset;
@@ -265,6 +266,23 @@ fn common_scale(links: &[Link], nominal: &[Link], unseen: &BTreeSet<&str>) -> Op
     let std = (scatter / freedom / squares).sqrt();
     let sigmas = t_half_width(SCALE_CONFIDENCE, freedom).max(SCALE_SIGMAS);
     (scale.abs() > SCALE && scale.abs() > sigmas * std).then_some(scale)
+}
+
+/// Warning of each joint that follows another one: gears of a wrist that the controller does not compensate. No link parameter describes it.
+pub fn of_following_joints(uncertainty: &Uncertainty) -> impl Iterator<Item = Warning> {
+    let followings = uncertainty.features.followings.iter();
+    followings.enumerate().map(|(k, following)| {
+        let row = uncertainty.n_parameters + k;
+        // the feature is the followed joint's value in half turns
+        let share = uncertainty.mean(row) / PI;
+        let (percent, std_percent) = (100.0 * share, 100.0 * uncertainty.posterior_std(row) / PI);
+        let (joint, followed) = (following.joint + 1, following.followed + 1);
+        Warning::new("joint_follows", format!(
+                "joint {joint} turns by {percent:+.2} % (± {std_percent:.2} %, one standard deviation of the noise alone) of the value of joint {followed} in addition to its own: by the points, the gears \
+                 between them are not compensated. If that may be, add {share:+.5} times row {followed} to row {joint} of joint_map.coupling (the identity, if none is \
+                 stated) and calibrate again"
+            ))
+    })
 }
 
 #[cfg(test)]

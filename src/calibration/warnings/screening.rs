@@ -2,13 +2,14 @@
 
 use crate::calibration::preparation::arrangement::Arrangement;
 use crate::calibration::preparation::observe::Observed;
-use crate::calibration::preparation::screening::{FoundStep, Outlier, Screening, WhatMoved};
+use crate::calibration::preparation::screening::{Outlier, Screening};
 use crate::calibration::problem::Problem;
 use crate::calibration::report::Warning;
 use crate::calibration::request::Loss;
 use crate::calibration::warnings::over_session::over_session;
 use crate::identification::KinematicModel;
 use crate::identification::model::objective::Observation;
+use crate::identification::screening::steps::{Moved, Step};
 use crate::identification::statistics::uncertainty::Uncertainty;
 use crate::measurement::Subset;
 
@@ -96,16 +97,16 @@ pub fn of_the_verify_set(warnings: Vec<Warning>) -> impl Iterator<Item = Warning
 
 /// The stretch for which the delivered base holds, in words. `None` if the base did not move.
 fn delivered_base(screening: &Screening, arrangement: &Arrangement) -> Option<String> {
-    let is_of_base = |s: &&FoundStep| s.moved == WhatMoved::Base && !s.is_one_point;
+    let is_of_base = |s: &&Step| s.moved == Moved::Base && !s.is_one_point;
     let steps = screening.steps.iter().filter(is_of_base);
-    let place = |s: &&FoundStep| arrangement.order.iter().position(|point| *point == s.row);
+    let place = |s: &&Step| arrangement.order.iter().position(|point| *point == s.first);
     Some(if arrangement.rests_on_last {
-        let row = steps.max_by_key(place)?.row;
+        let row = steps.max_by_key(place)?.first;
         format!(
             ". The delivered base is that of the rows from row {row} on: predictions and corrected targets hold for the robot as it stands now"
         )
     } else {
-        let row = steps.min_by_key(place)?.row;
+        let row = steps.min_by_key(place)?.first;
         format!(
             ". The delivered base is that of the rows before row {row}, because the base frame is known for these: predictions and corrected targets hold for \
              the robot as it stood then. If it still stands where it moved to, set up the base frame and measure again"
@@ -114,8 +115,8 @@ fn delivered_base(screening: &Screening, arrangement: &Arrangement) -> Option<St
 }
 
 /// `delivered_base` is added to the warning about a base.
-fn moved(step: &FoundStep, delivered_base: &str) -> Warning {
-    let v = step.vector_mm;
+fn moved(step: &Step, delivered_base: &str) -> Warning {
+    let v = step.shift_mm;
     let vector = format!(
         "({:.3}, {:.3}, {:.3}) mm, {:.3} mm long",
         v.x,
@@ -124,18 +125,18 @@ fn moved(step: &FoundStep, delivered_base: &str) -> Warning {
         v.norm()
     );
     let (code, what) = match step.moved {
-        WhatMoved::Target(target) if v.norm() == 0.0 => (
+        Moved::Target(target) if v.norm() == 0.0 => (
             "target_moved",
             format!(
                 "target {target} was turned on the flange by {:.4}\u{b0}",
                 step.turn_rad.norm().to_degrees()
             ),
         ),
-        WhatMoved::Target(target) => (
+        Moved::Target(target) => (
             "target_moved",
             format!("target {target} moved by {vector}, in the flange frame"),
         ),
-        WhatMoved::Base => {
+        Moved::Base => {
             let turn = step.turn_rad.norm().to_degrees();
             (
                 "base_moved",
@@ -152,13 +153,16 @@ fn moved(step: &FoundStep, delivered_base: &str) -> Warning {
         false => "the stretches before and after it were fitted apart",
     };
     let delivered = match step.moved {
-        WhatMoved::Base if !step.is_one_point => delivered_base,
+        Moved::Base if !step.is_one_point => delivered_base,
         _ => "",
     };
     Warning {
         code,
-        detail: format!("before row {}, {what}; {consequence}{delivered}", step.row),
-        rows: vec![step.row],
+        detail: format!(
+            "before row {}, {what}; {consequence}{delivered}",
+            step.first
+        ),
+        rows: vec![step.first],
     }
 }
 

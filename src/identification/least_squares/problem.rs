@@ -101,17 +101,6 @@ pub struct Variable {
     pub prior: Prior,
 }
 
-/// Placement of a robot: base and targets. These are the unknowns of a robot that is otherwise known.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Placement {
-    /// Base in the measuring frame, mm.
-    pub t_instrument_base: IsometryMatrix3<f64>,
-    /// Target offsets in the flange frame, mm.
-    pub targets_mm: Vec<Vector3<f64>>,
-    /// Rotations of targets in the flange frame; empty if only positions are measured.
-    pub target_rotations: Vec<Rotation3<f64>>,
-}
-
 /// The rows of one measurement.
 #[derive(Clone, Debug)]
 struct Block<'a> {
@@ -273,15 +262,13 @@ impl<'a> Problem<'a> {
 
     /// The problem of base and targets alone, for a robot whose flange is known in its base frame at each observation.
     pub fn of_placement(
-        start: Placement,
+        start: KinematicModel,
         flanges: &'a [IsometryMatrix3<f64>],
         observations: &'a [Observation],
     ) -> Self {
         let reference = KinematicModel {
-            t_instrument_base: start.t_instrument_base,
             links: vec![],
-            targets_mm: start.targets_mm,
-            target_rotations: start.target_rotations,
+            ..start
         };
         let mut parameters = placement_parameters(reference.targets_mm.len());
         if !reference.target_rotations.is_empty() {

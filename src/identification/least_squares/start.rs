@@ -2,7 +2,7 @@
 
 use crate::identification::KinematicModel;
 use crate::identification::least_squares::hand_eye::{base_and_target_rotation, target_rotation};
-use crate::identification::least_squares::problem::{Placement, Problem};
+use crate::identification::least_squares::problem::Problem;
 use crate::identification::model::objective::{Observation, posed_targets};
 use crate::kinematics::rotation::nearest_rotation;
 use crate::kinematics::{Link, t_base_flange};
@@ -23,17 +23,14 @@ pub fn fit_base_and_targets(
     observations: &[Observation],
     n_targets: usize,
 ) -> KinematicModel {
-    let flanges: Vec<IsometryMatrix3<f64>> = observations
-        .iter()
-        .map(|o| t_base_flange(links, &o.q_rad))
-        .collect();
-    let placement = place(&flanges, observations, n_targets);
-    KinematicModel {
-        t_instrument_base: placement.t_instrument_base,
-        links: links.to_vec(),
-        targets_mm: placement.targets_mm,
-        target_rotations: placement.target_rotations,
-    }
+    let flanges = flanges(links, observations);
+    place(links, &flanges, observations, n_targets)
+}
+
+/// Flange in the base frame at each observation.
+fn flanges(links: &[Link], observations: &[Observation]) -> Vec<IsometryMatrix3<f64>> {
+    let flange = |o: &Observation| t_base_flange(links, &o.q_rad);
+    observations.iter().map(flange).collect()
 }
 
 /// Target offsets that best fit `observations`, with the links held and the base at the measuring frame: the mean of each target's points in the
@@ -45,10 +42,8 @@ pub fn fit_targets(
 ) -> KinematicModel {
     let mut model = KinematicModel::nominal(links, n_targets);
     let mut weights = vec![0.0; n_targets];
-    let mut flanges = Vec::with_capacity(observations.len());
-    for o in observations {
-        let flange = t_base_flange(links, &o.q_rad);
-        flanges.push(flange);
+    let flanges = flanges(links, observations);
+    for (o, flange) in observations.iter().zip(&flanges) {
         let in_flange = flange.inverse() * Point3::from(o.position_mm);
         model.targets_mm[o.target] += in_flange.coords * o.weight;
         weights[o.target] += o.weight;
@@ -104,18 +99,19 @@ fn base_rotation_of_poses(
     base_and_target_rotation(&pairs).map(|(base, _)| base)
 }
 
-/// Base pose and target offsets that best fit `observations` (least squares), for a robot whose flange is known in its base frame at each of them.
+/// A robot with these links, whose flange is known in its base frame at each observation: base pose and target offsets fit these best (least squares).
 ///
 /// Starts from a closed form (linear in the rotation's entries, then projected onto the rotations) and from Kabsch's fit with the targets at the
 /// flange; with poses, also from the closed form of their rotations. If none of them is good, also from the 24 rotations of the cube. Each start is
 /// refined by least squares, and the lowest cost wins.
 pub fn place(
+    links: &[Link],
     flanges: &[IsometryMatrix3<f64>],
     observations: &[Observation],
     n_targets: usize,
-) -> Placement {
+) -> KinematicModel {
     let polish = |rotation: Rotation3<f64>| {
-        let start = with_rotation(observations, flanges, n_targets, rotation);
+        let start = with_rotation(links, observations, flanges, n_targets, rotation);
         polished(start, flanges, observations)
     };
     let best = |candidates: Vec<Rotation3<f64>>| {
@@ -139,27 +135,23 @@ pub fn place(
             .collect(),
     );
     let found = match first {
-        Some((cost_mm2, placement)) if is_good(cost_mm2, observations) => Some(placement),
+        Some((cost_mm2, model)) if is_good(cost_mm2, observations) => Some(model),
         first => {
-            let cube = best(cube_rotations());
-            let both = first.into_iter().chain(cube);
-            both.min_by(|a, b| a.0.total_cmp(&b.0))
-                .map(|(_, placement)| placement)
+            let both = first.into_iter().chain(best(cube_rotations()));
+            let best = both.min_by(|a, b| a.0.total_cmp(&b.0));
+            best.map(|(_, model)| model)
         }
     };
-    found.unwrap_or_else(|| Placement {
-        t_instrument_base: IsometryMatrix3::identity(),
-        targets_mm: vec![Vector3::zeros(); n_targets],
-        target_rotations: vec![],
-    })
+    found.unwrap_or_else(|| KinematicModel::nominal(links, n_targets))
 }
 
-/// Least squares of a placement. Returns its cost, mm², and the placement.
+/// Least squares of base and targets. Returns the cost, mm², and the model.
 fn polished(
-    start: Placement,
+    start: KinematicModel,
     flanges: &[IsometryMatrix3<f64>],
     observations: &[Observation],
-) -> (f64, Placement) {
+) -> (f64, KinematicModel) {
+    let links = start.links.clone();
     let problem = Problem::of_placement(start, flanges, observations);
     let mut rows =
         |x: &[f64], residuals: &mut DVector<f64>, jacobian: Option<&mut DMatrix<f64>>| {
@@ -170,23 +162,27 @@ fn polished(
     let fit = minimize(&mut rows, n_rows, &x0, &options, &mut |_| {
         ControlFlow::Continue(())
     });
-    let model = problem.model(&fit.x);
-    let placement = Placement {
-        t_instrument_base: model.t_instrument_base,
-        targets_mm: model.targets_mm,
-        target_rotations: model.target_rotations,
-    };
-    (fit.cost, placement)
+    let placed = problem.model(&fit.x);
+    (fit.cost, KinematicModel { links, ..placed })
+}
+
+/// Centre of the measured positions, mm.
+pub fn centre_mm(observations: &[Observation]) -> Vector3<f64> {
+    let sum: Vector3<f64> = observations.iter().map(|o| o.position_mm).sum();
+    sum / observations.len().max(1) as f64
+}
+
+/// Root mean square distance of the measured positions from their centre, mm.
+pub fn spread_mm(observations: &[Observation], centre_mm: &Vector3<f64>) -> f64 {
+    let squares = observations
+        .iter()
+        .map(|o| (o.position_mm - centre_mm).norm_squared());
+    (squares.sum::<f64>() / observations.len().max(1) as f64).sqrt()
 }
 
 /// True if the cost of a placement is so small, relative to the spread of the points, that the placement cannot be wrong.
 fn is_good(cost_mm2: f64, observations: &[Observation]) -> bool {
-    let n = observations.len().max(1) as f64;
-    let centre = observations
-        .iter()
-        .map(|o| o.position_mm)
-        .sum::<Vector3<f64>>()
-        / n;
+    let centre = centre_mm(observations);
     let spread_mm2: f64 = observations
         .iter()
         .map(|o| o.weight * (o.position_mm - centre).norm_squared())
@@ -202,26 +198,18 @@ pub fn align_in_closed_form(
     n_targets: usize,
     is_base_known: bool,
 ) -> Option<KinematicModel> {
-    let flanges: Vec<IsometryMatrix3<f64>> = observations
-        .iter()
-        .map(|o| t_base_flange(links, &o.q_rad))
-        .collect();
-    let rotation = if is_base_known {
-        Rotation3::identity()
-    } else {
-        linear_rotation(observations, &flanges, n_targets)?
+    let flanges = flanges(links, observations);
+    let rotation = match is_base_known {
+        true => Rotation3::identity(),
+        false => linear_rotation(observations, &flanges, n_targets)?,
     };
-    let Placement {
-        t_instrument_base,
-        targets_mm,
-        target_rotations,
-    } = with_rotation(observations, &flanges, n_targets, rotation);
-    Some(KinematicModel {
-        t_instrument_base,
-        links: links.to_vec(),
-        targets_mm,
-        target_rotations,
-    })
+    Some(with_rotation(
+        links,
+        observations,
+        &flanges,
+        n_targets,
+        rotation,
+    ))
 }
 
 /// A shift along parallel axes, which base and target share, goes to the base: it is weighed less than a target's offset by this factor. If it were
@@ -236,11 +224,12 @@ const MAX_LEFT_SHARE: f64 = 0.01;
 
 /// With a given rotation, base translation and targets are linear: measured = R·A + R·B·target + t.
 fn with_rotation(
+    links: &[Link],
     observations: &[Observation],
     flanges: &[IsometryMatrix3<f64>],
     n_targets: usize,
     rotation: Rotation3<f64>,
-) -> Placement {
+) -> KinematicModel {
     let unknowns = 3 + 3 * n_targets;
     let mut normal = DMatrix::<f64>::zeros(unknowns, unknowns);
     let mut right = DVector::<f64>::zeros(unknowns);
@@ -273,11 +262,12 @@ fn with_rotation(
         });
     let x = solved.unwrap_or_else(|| DVector::zeros(unknowns));
     let vector = |at: usize| Vector3::new(x[at], x[at + 1], x[at + 2]);
-    Placement {
+    KinematicModel {
         t_instrument_base: IsometryMatrix3::from_parts(
             Translation3::from(vector(0) * BASE_FIRST),
             rotation,
         ),
+        links: links.to_vec(),
         targets_mm: (0..n_targets)
             .map(|target| vector(3 + 3 * target))
             .collect(),
@@ -295,17 +285,8 @@ fn linear_rotation(
     if 3 * observations.len() < unknowns {
         return None;
     }
-    let centroid = observations
-        .iter()
-        .map(|o| o.position_mm)
-        .sum::<Vector3<f64>>()
-        / observations.len() as f64;
-    let size = observations
-        .iter()
-        .map(|o| (o.position_mm - centroid).norm_squared())
-        .sum::<f64>()
-        / observations.len() as f64;
-    let size = size.sqrt().max(1e-9);
+    let centroid = centre_mm(observations);
+    let size = spread_mm(observations, &centroid).max(1e-9);
     let mut design = DMatrix::<f64>::zeros(3 * observations.len(), unknowns);
     let mut right = DVector::<f64>::zeros(3 * observations.len());
     for (i, (o, flange)) in observations.iter().zip(flanges).enumerate() {

@@ -96,6 +96,12 @@ impl Observation {
     }
 }
 
+/// The observations with a weight.
+pub fn counting(observations: &[Observation]) -> Vec<Observation> {
+    let weighted = observations.iter().filter(|o| o.weight > 0.0);
+    weighted.cloned().collect()
+}
+
 /// Targets with measured poses, in order.
 pub fn posed_targets(observations: &[Observation]) -> Vec<usize> {
     let posed = observations.iter().filter(|o| o.rotation.is_some());
@@ -114,6 +120,13 @@ pub fn residual_mm(model: &KinematicModel, o: &Observation) -> Vector3<f64> {
     let predicted = model.rotation(&o.q_rad, o.target);
     let left = o.position_mm - model.position(&o.q_rad, o.target);
     left_at_lever(left, predicted.as_ref(), o)
+}
+
+/// Root mean square of [`residuals`], mm; 0 without observations.
+pub fn rms_mm(model: &KinematicModel, observations: &[Observation]) -> f64 {
+    let all = residuals(model, observations);
+    let sum: f64 = all.iter().map(Vector3::norm_squared).sum();
+    (sum / all.len().max(1) as f64).sqrt()
 }
 
 /// Position residual of a pose at its lever, from that of its target, mm.

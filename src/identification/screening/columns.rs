@@ -1,6 +1,7 @@
 //! Effects of what may move or err during a measurement on each point, as columns of the linear problem.
 
 use crate::identification::KinematicModel;
+use crate::identification::least_squares::start::{centre_mm, spread_mm};
 use crate::identification::model::objective::Observation;
 use crate::kinematics::jacobian::{LinkColumns, position_jacobian};
 use crate::kinematics::{Link, t_base_flange};
@@ -23,19 +24,8 @@ pub struct Columns {
 impl Columns {
     /// The columns at a fitted model.
     pub fn new(model: &KinematicModel, observations: &[Observation]) -> Self {
-        let n = observations.len().max(1) as f64;
-        let centre = observations
-            .iter()
-            .map(|o| o.position_mm)
-            .sum::<Vector3<f64>>()
-            / n;
-        let size = (observations
-            .iter()
-            .map(|o| (o.position_mm - centre).norm_squared())
-            .sum::<f64>()
-            / n)
-            .sqrt()
-            .max(1.0);
+        let centre = centre_mm(observations);
+        let size = spread_mm(observations, &centre).max(1.0);
         let base = |o: &Observation| {
             let root = o.weight.sqrt();
             let arm = (o.position_mm - centre).cross_matrix() * (-1.0 / size);

@@ -44,7 +44,44 @@ const MIN_TARGET_POINTS: usize = 2;
 /// The part that moved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Moved {
-    /// One target on the flange.
+    /// A target on the flange.
+    Target(usize),
+    /// The base, or the instrument.
+    Base,
+}
+
+/// A step: something moved.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Step {
+    /// The part that moved.
+    pub moved: Moved,
+    /// First point after the step (of that target).
+    pub first: usize,
+    /// Displacement, mm: of a target in the flange frame, of the base in the measuring frame. A moved instrument shows with the opposite sign.
+    pub shift_mm: Vector3<f64>,
+    /// Rotation, rad: of the base about [`Columns::centre`] in the measuring frame, of a target of poses in its own frame.
+    pub turn_rad: Vector3<f64>,
+    /// True if the step separates only one point at an end. It may be an outlier, and is treated as one.
+    pub is_one_point: bool,
+}
+
+/// What moved before one point: one target, all targets at once, or the base.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Jump {
+    /// The first point after it.
+    pub first: usize,
+    /// The target whose points alone have moved; `None` if all points have.
+    pub target: Option<usize>,
+    /// Number of points on its smaller side (of that target).
+    pub n_minor: usize,
+    /// A step of each target, or one of the base.
+    pub steps: Vec<Step>,
+}
+
+/// What a change is tried for.
+#[derive(Clone, Copy, Debug)]
+enum Kind {
+    /// One target.
     Target(usize),
     /// All targets at once, each by its own vector: the tool was knocked.
     AllTargets,
@@ -52,34 +89,6 @@ pub enum Moved {
     Base,
     /// The same without a turn: three numbers, which fewer rows show.
     BaseShift,
-}
-
-/// A step.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Step {
-    /// The part that moved.
-    pub moved: Moved,
-    /// Index of the first point after the step.
-    pub first: usize,
-    /// Number of points on its smaller side (of that target).
-    pub n_minor: usize,
-    /// Shift of each target; empty if the base moved.
-    pub of_targets: Vec<TargetShift>,
-    /// Shift of the base in the measuring frame, mm.
-    pub shift_mm: Vector3<f64>,
-    /// Rotation of the base about [`Columns::centre`], in the measuring frame, rad.
-    pub turn_rad: Vector3<f64>,
-}
-
-/// Shift of one target in a step.
-#[derive(Clone, Debug, PartialEq)]
-pub struct TargetShift {
-    /// The target.
-    pub target: usize,
-    /// Index of its first point after the step.
-    pub first: usize,
-    /// Shift in the flange frame, mm.
-    pub shift_mm: Vector3<f64>,
 }
 
 /// A campaign: the points in measuring order, with their fit.
@@ -107,7 +116,7 @@ pub struct Campaign<'a> {
 /// A change that was tried.
 #[derive(Clone, Debug)]
 struct Tried {
-    moved: Moved,
+    kind: Kind,
     /// Index in `order` of the first point after the change.
     place: usize,
     n_minor: usize,
@@ -117,9 +126,9 @@ struct Tried {
 }
 
 impl Campaign<'_> {
-    /// The most significant step that passes all four tests. A single point at an end is returned like any other step: one point cannot show whether
-    /// it slipped or is an outlier.
-    pub fn step(&self) -> Option<Step> {
+    /// The most significant jump that passes all four tests. A single point at an end is returned like any other: one point cannot show whether it
+    /// slipped or is an outlier.
+    pub fn jump(&self) -> Option<Jump> {
         let n = self.order.len();
         let left = self.problem.residuals.norm_squared();
         let least_variance = self.least_scale_mm * self.least_scale_mm;
@@ -153,34 +162,41 @@ impl Campaign<'_> {
         {
             return None;
         }
-        let (shift_mm, turn_rad) = match best.moved {
-            Moved::Base => self.columns.motion(&best.solution),
-            Moved::BaseShift => (Vector3::from_column_slice(&best.solution), Vector3::zeros()),
-            Moved::Target(_) | Moved::AllTargets => (Vector3::zeros(), Vector3::zeros()),
-        };
-        let targets = match best.moved {
-            Moved::Target(target) => target..target + 1,
-            Moved::AllTargets => 0..best.n_numbers / 3,
-            Moved::Base | Moved::BaseShift => 0..0,
-        };
-        let shift = |(target, vector): (usize, &[f64])| {
-            let mut after = self.order[best.place..].iter().copied();
-            Some(TargetShift {
-                target,
-                first: after.find(|point| self.targets[*point] == target)?,
-                shift_mm: Vector3::from_column_slice(vector),
-            })
-        };
-        Some(Step {
-            moved: best.moved,
-            first: self.order[best.place],
-            n_minor: best.n_minor,
-            of_targets: targets
-                .zip(best.solution.chunks(3))
-                .filter_map(shift)
-                .collect(),
+        let first = self.order[best.place];
+        let step = |moved, first, (shift_mm, turn_rad)| Step {
+            moved,
+            first,
             shift_mm,
             turn_rad,
+            is_one_point: best.n_minor == 1,
+        };
+        let shift = |vector: &[f64]| (Vector3::from_column_slice(vector), Vector3::zeros());
+        let of_target = |(target, vector): (usize, &[f64])| {
+            let mut after = self.order[best.place..].iter().copied();
+            let first = after.find(|point| self.targets[*point] == target)?;
+            Some(step(Moved::Target(target), first, shift(vector)))
+        };
+        let of_targets = |from: usize| -> Vec<Step> {
+            let shifts = (from..).zip(best.solution.chunks(3));
+            shifts.filter_map(of_target).collect()
+        };
+        let (target, steps) = match best.kind {
+            Kind::Target(target) => (Some(target), of_targets(target)),
+            Kind::AllTargets => (None, of_targets(0)),
+            Kind::Base => {
+                let motion = self.columns.motion(&best.solution);
+                (None, vec![step(Moved::Base, first, motion)])
+            }
+            Kind::BaseShift => {
+                let shift = shift(&best.solution);
+                (None, vec![step(Moved::Base, first, shift)])
+            }
+        };
+        Some(Jump {
+            first,
+            target,
+            n_minor: best.n_minor,
+            steps,
         })
     }
 
@@ -204,7 +220,7 @@ impl Campaign<'_> {
             block
         };
         let fewest = MIN_TARGET_POINTS * D / 3;
-        self.changes(Moved::AllTargets, places, (fewest, false), block, tried);
+        self.changes(Kind::AllTargets, places, (fewest, false), block, tried);
     }
 
     fn n_targets(&self) -> usize {
@@ -220,7 +236,7 @@ impl Campaign<'_> {
                 .filter(|p| self.targets[self.order[*p]] == target)
                 .collect();
             self.changes(
-                Moved::Target(target),
+                Kind::Target(target),
                 &members,
                 (MIN_TARGET_POINTS, true),
                 |point| self.columns.target[point],
@@ -236,20 +252,20 @@ impl Campaign<'_> {
     fn changes_of_base(&self, places: &[usize], tried: &mut Vec<Tried>) {
         let fewest = (MIN_BASE_POINTS, false);
         let block = |point: usize| self.columns.base[point];
-        self.changes(Moved::Base, places, fewest, block, tried);
+        self.changes(Kind::Base, places, fewest, block, tried);
     }
 
     fn changes_of_base_without_turn(&self, places: &[usize], tried: &mut Vec<Tried>) {
         let fewest = (MIN_SHIFTED_POINTS, false);
         let block = |point: usize| self.columns.base_shift(point);
-        self.changes(Moved::BaseShift, places, fewest, block, tried);
+        self.changes(Kind::BaseShift, places, fewest, block, tried);
     }
 
     /// Tries a change before each of the `members` (indices into the order, in any order), following their order. Each side must have at least
     /// `fewest` of them, or one alone if `lone` is true.
     fn changes<const D: usize>(
         &self,
-        moved: Moved,
+        kind: Kind,
         members: &[usize],
         (fewest, lone): (usize, bool),
         block: impl Fn(usize) -> SMatrix<f64, 3, D>,
@@ -281,7 +297,7 @@ impl Campaign<'_> {
             let solution = factor.solve(&score);
             let gain = solution.dot(&score);
             tried.push(Tried {
-                moved,
+                kind,
                 place: *place,
                 n_minor,
                 gain,
@@ -307,18 +323,18 @@ impl Campaign<'_> {
         for (place, point) in self.order.iter().enumerate().skip(best.place) {
             let target = self.targets[*point];
             let rows = 3 * place;
-            match best.moved {
-                Moved::Base => of_step
+            match best.kind {
+                Kind::Base => of_step
                     .fixed_view_mut::<3, 6>(rows, 0)
                     .copy_from(&self.columns.base[*point]),
-                Moved::BaseShift => of_step
+                Kind::BaseShift => of_step
                     .fixed_view_mut::<3, 3>(rows, 0)
                     .copy_from(&self.columns.base_shift(*point)),
-                Moved::Target(moved) if moved != target => {}
-                Moved::Target(_) => of_step
+                Kind::Target(moved) if moved != target => {}
+                Kind::Target(_) => of_step
                     .fixed_view_mut::<3, 3>(rows, 0)
                     .copy_from(&self.columns.target[*point]),
-                Moved::AllTargets => of_step
+                Kind::AllTargets => of_step
                     .fixed_view_mut::<3, 3>(rows, 3 * target)
                     .copy_from(&self.columns.target[*point]),
             }
@@ -355,26 +371,26 @@ impl Campaign<'_> {
         let alone = best.n_minor == 1;
         holds_in_random_orders(order, self.watch, |places| {
             let mut tried = Vec::new();
-            match best.moved {
+            match best.kind {
                 // for a single point only its position in the order is random, and any other point could be there
-                Moved::Target(_) if alone => return true,
-                Moved::Target(target) => {
+                Kind::Target(_) if alone => return true,
+                Kind::Target(target) => {
                     let members: Vec<usize> = places
                         .iter()
                         .copied()
                         .filter(|p| self.targets[self.order[*p]] == target)
                         .collect();
                     self.changes(
-                        best.moved,
+                        best.kind,
                         &members,
                         (MIN_TARGET_POINTS, false),
                         |point| self.columns.target[point],
                         &mut tried,
                     );
                 }
-                Moved::AllTargets => self.changes_of_all_targets(places, &mut tried),
-                Moved::Base => self.changes_of_base(places, &mut tried),
-                Moved::BaseShift => self.changes_of_base_without_turn(places, &mut tried),
+                Kind::AllTargets => self.changes_of_all_targets(places, &mut tried),
+                Kind::Base => self.changes_of_base(places, &mut tried),
+                Kind::BaseShift => self.changes_of_base_without_turn(places, &mut tried),
             }
             // an order that divides the points in the same way gives the same gain, and does not count
             tried

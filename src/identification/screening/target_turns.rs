@@ -33,22 +33,13 @@ const MAX_TO_MEDIAN: f64 = 3.0;
 const N_FITTED_PARAMETERS: f64 = 6.0;
 const N_STEP_PARAMETERS: f64 = 3.0;
 
-/// A twist of a target.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TargetTurn {
-    /// Index of the first pair after it.
-    pub first: usize,
-    /// Rotation vector in the frame of the target, rad.
-    pub turn_rad: Vector3<f64>,
-}
-
-/// The most significant twist of one target from one set-up. Each pair is a flange in the base frame and its target in the measuring frame, in
+/// The most significant twist of one target from one set-up: the first pair after it, and the rotation vector in the frame of the target, rad. Each pair is a flange in the base frame and its target in the measuring frame, in
 /// measuring order; `configurations` has the configuration of each. `None` if there is none, or if the watch stops.
 pub fn target_turn(
     pairs: &[(Rotation3<f64>, Rotation3<f64>)],
     configurations: &[usize],
     watch: &Watch<'_>,
-) -> Option<TargetTurn> {
+) -> Option<(usize, Vector3<f64>)> {
     let (base, target) = robustly(pairs, base_and_target_rotation)?;
     let mut vectors: Vec<Vector3<f64>> = pairs
         .iter()
@@ -95,7 +86,7 @@ pub fn target_turn(
         return None;
     }
     let turn_rad = turn_rad(pairs, first)?;
-    (turn_rad.norm() >= SMALLEST_TURN_RAD).then_some(TargetTurn { first, turn_rad })
+    (turn_rad.norm() >= SMALLEST_TURN_RAD).then_some((first, turn_rad))
 }
 
 /// First place after the change of the mean that explains most, and its gain.
