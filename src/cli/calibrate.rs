@@ -107,8 +107,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let record = SessionRecord::of_set(record, &first.set);
     let parts = JobParts {
         robot,
-        set: first.set.clone(),
-        further_sets: further.iter().map(|session| session.set.clone()).collect(),
+        sets: all().map(|session| session.set.clone()).collect(),
         verify_set: None,
         frames: None,
         network: None,

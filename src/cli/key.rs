@@ -7,7 +7,7 @@ use super::usage::Usage;
 use crate::config::DatabaseConfig;
 use crate::http::auth::new_key;
 use crate::store::{
-    self, ApiKeyRow, NewApiKey, PageRequest, Store, StoreLocation, api_keys, robots,
+    self, ApiKeyRow, ListRequest, NewApiKey, Store, StoreLocation, api_keys, robots,
 };
 use crate::wire::key::Scope;
 use crate::wire::time::rfc3339;
@@ -153,7 +153,7 @@ async fn create(
 
 async fn all(store: &Store) -> anyhow::Result<Vec<ApiKeyRow>> {
     let mut rows = Vec::new();
-    let mut request = PageRequest::default();
+    let mut request = ListRequest::all();
     loop {
         let page = api_keys::list(store, &request).await?;
         rows.extend(page.items);

@@ -4,7 +4,7 @@ use super::runtime::block_on;
 use super::usage::Usage;
 use crate::config::ServeConfig;
 use crate::http::server::{self, RunningServer};
-use crate::store::{PageRequest, api_keys};
+use crate::store::{ListRequest, api_keys};
 use crate::telemetry;
 use std::io::Write;
 
@@ -29,18 +29,8 @@ async fn announce(config: &ServeConfig, server: &RunningServer) -> anyhow::Resul
     writeln!(out, "kincal listening on {}", server.url())?;
     out.flush()?;
     drop(out);
-    if !config.no_auth
-        && api_keys::list(
-            &server.store,
-            &PageRequest {
-                limit: 1,
-                cursor: None,
-            },
-        )
-        .await?
-        .items
-        .is_empty()
-    {
+    let keys = api_keys::list(&server.store, &ListRequest::all()).await?;
+    if !config.no_auth && keys.total == 0 {
         let store = match &config.database.database_url {
             // The URL itself is not printed: it may contain a password.
             Some(_) => "--database-url \"$KINCAL_DATABASE_URL\"".into(),

@@ -37,11 +37,8 @@ pub fn require_in_use(robot: &RobotRow) -> Result<(), Error> {
 
 /// The error for an archived item, with its remedy.
 pub fn archived(what: &str, id: &str) -> Error {
-    Error::Conflict {
-        code: "archived",
-        detail: format!("the {what} {id} is archived: restore it first"),
-        errors: vec![],
-    }
+    let detail = format!("the {what} {id} is archived: restore it first");
+    Error::conflict("archived", detail)
 }
 
 /// The robot of a parameter set: the model that the set was identified with, and today's joint limits.

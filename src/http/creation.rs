@@ -90,10 +90,7 @@ fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Error> {
     let is_printable = text.bytes().all(|byte| (b' '..=b'~').contains(&byte));
     if text.is_empty() || text.len() > MAX_KEY || !is_printable {
         let detail = format!("an Idempotency-Key has 1 to {MAX_KEY} printable ASCII characters");
-        return Err(Error::BadRequest {
-            code: "invalid_idempotency_key",
-            detail,
-        });
+        return Err(Error::bad_request("invalid_idempotency_key", detail));
     }
     Ok(Some(text.into()))
 }

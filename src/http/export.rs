@@ -106,10 +106,8 @@ pub async fn patch_urdf(
 ) -> Result<Response, Error> {
     access::parameter_set(&app, &caller, &id).await?;
     if query.format != ExportFormat::Urdf {
-        return Err(Error::BadRequest {
-            code: "invalid_query",
-            detail: "only a URDF can be patched: format=urdf; else GET".into(),
-        });
+        let detail = "only a URDF can be patched: format=urdf; else GET";
+        return Err(Error::invalid_query(detail));
     }
     let bytes = whole_body(request, &app).await?;
     let permit = app.limits.compute(caller.class).await?;
@@ -189,14 +187,11 @@ async fn stored(
     let row = access::parameter_set(app, caller, id).await?;
     if row.status == ParameterSetStatus::Withdrawn {
         let reason = row.withdraw_reason.as_deref().unwrap_or_default();
-        return Err(Error::Conflict {
-            code: "parameter_set_withdrawn",
-            detail: format!(
-                "the parameter set was withdrawn ({reason}), and no controller must get it: export the active set. Its numbers stay readable: GET \
-                 /v1/parameter-sets/{id}"
-            ),
-            errors: vec![],
-        });
+        let detail = format!(
+            "the parameter set was withdrawn ({reason}), and no controller must get it: export the active set. Its numbers stay readable: GET \
+             /v1/parameter-sets/{id}"
+        );
+        return Err(Error::conflict("parameter_set_withdrawn", detail));
     }
     let body = access::robot_of_set(app, caller, &row).await?;
     let content = parameter_sets::content(&row)?;

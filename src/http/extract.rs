@@ -49,10 +49,7 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequestParts<S> for Query<T> {
             let detail = text
                 .split_once("query string: ")
                 .map_or(text.as_str(), |(_, cause)| cause);
-            Error::BadRequest {
-                code: "invalid_query",
-                detail: format!("the query: {detail}"),
-            }
+            Error::invalid_query(format!("the query: {detail}"))
         })?;
         Ok(Self(value))
     }
@@ -185,10 +182,8 @@ async fn arrive(
             .await
             .map_err(|_| Error::RequestTimeout)?;
         let Some(frame) = frame else { return Ok(bytes) };
-        let frame = frame.map_err(|error| Error::BadRequest {
-            code: "unreadable_body",
-            detail: error.to_string(),
-        })?;
+        let frame =
+            frame.map_err(|error| Error::bad_request("unreadable_body", error.to_string()))?;
         // Trailers are ignored.
         let Ok(data) = frame.into_data() else {
             continue;

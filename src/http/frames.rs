@@ -46,7 +46,7 @@ pub async fn create(
         stored_json(
             201,
             Some(format!("/v1/frames/{}", row.id)),
-            &FramesAnswer::try_from(row)?,
+            &FramesAnswer::try_from(&row)?,
         )
     };
     submission.create(&app.store, effect).await
@@ -62,16 +62,17 @@ pub async fn get(
     caller: Caller,
     Id(id): Id,
 ) -> Result<Json<FramesAnswer>, Error> {
-    Ok(Json(access::frames(&app, &caller, &id).await?.try_into()?))
+    let row = access::frames(&app, &caller, &id).await?;
+    Ok(Json((&row).try_into()?))
 }
 
-impl TryFrom<FramesRow> for FramesAnswer {
+impl TryFrom<&FramesRow> for FramesAnswer {
     type Error = Error;
 
-    fn try_from(row: FramesRow) -> Result<Self, Error> {
+    fn try_from(row: &FramesRow) -> Result<Self, Error> {
         Ok(Self::new(
-            row.id,
-            row.robot_id,
+            row.id.clone(),
+            row.robot_id.clone(),
             serde_json::from_str(&row.result_json)?,
             rfc3339(row.created_at_ms),
         ))

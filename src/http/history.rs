@@ -43,8 +43,7 @@ pub async fn history(
     Query(query): Query<PlainListQuery>,
 ) -> Result<Json<HistoryAnswer>, Error> {
     access::robot(&app, &caller, &robot_id).await?;
-    let found = parameter_sets::search(&app.store, &robot_id, &query.request()?).await?;
-    let (page, total) = (found.page, found.total);
+    let page = parameter_sets::search(&app.store, &robot_id, &query.request()?).await?;
     let permit = app.limits.compute(caller.class).await?;
     let mut items = Vec::with_capacity(page.items.len());
     for row in page.items {
@@ -54,7 +53,7 @@ pub async fn history(
             verify,
             ..
         } = answers::report_summary(&app, &permit, &row.job_id).await?;
-        let answer = ParameterSetAnswer::try_from(row)?;
+        let answer = ParameterSetAnswer::try_from(&row)?;
         items.push(HistoryItem {
             parameter_set_id: answer.id,
             created_at: answer.created_at,
@@ -69,7 +68,7 @@ pub async fn history(
     Ok(Json(HistoryAnswer {
         items,
         next_cursor: page.next_cursor.map(|cursor| cursor.to_string()),
-        total,
+        total: page.total,
         trend,
     }))
 }
@@ -170,7 +169,8 @@ fn identified(
         content: answers::content(row)?,
         request,
         uploads_sha256: inputs
-            .uploads()
+            .sets
+            .iter()
             .map(|upload| upload.row.sha256.clone())
             .collect(),
         estimate: estimate.map_err(|_| unreadable())?,

@@ -74,12 +74,7 @@ fn new_job(request: &JobRequestBody, sources: &Sources, client: &str) -> Result<
     Ok(NewJob {
         robot_id: sources.robot.id.clone(),
         robot_version: sources.robot.version,
-        measurement_set_id: sources.set.row.id.clone(),
-        further_set_ids: sources
-            .further_sets
-            .iter()
-            .map(|set| set.row.id.clone())
-            .collect(),
+        set_ids: sources.sets.iter().map(|set| set.row.id.clone()).collect(),
         verify_set_id: sources.verify_set.as_ref().map(|set| set.row.id.clone()),
         frames_id: request.frames_id.clone(),
         network_input_id: None,
@@ -149,12 +144,7 @@ fn check(request: &JobRequestBody, sources: Sources) -> Result<Chosen, Error> {
     let n_joints = robot.links.len();
     let parse = |source: &MeasurementSetInput| source.parse(n_joints).map_err(Error::Invalid);
     let parts = JobParts {
-        set: parse(&sources.set)?,
-        further_sets: sources
-            .further_sets
-            .iter()
-            .map(parse)
-            .collect::<Result<_, _>>()?,
+        sets: sources.sets.iter().map(parse).collect::<Result<_, _>>()?,
         verify_set: sources.verify_set.as_ref().map(parse).transpose()?,
         frames: sources.frames.as_ref().map(Into::into),
         network: None,
@@ -197,8 +187,9 @@ fn check(request: &JobRequestBody, sources: Sources) -> Result<Chosen, Error> {
             }
         }
     }
-    let sets_sha256: Vec<&str> = std::iter::once(&sources.set)
-        .chain(&sources.further_sets)
+    let sets_sha256: Vec<&str> = sources
+        .sets
+        .iter()
         .chain(&sources.verify_set)
         .map(|set| set.row.sha256.as_str())
         .collect();

@@ -29,10 +29,8 @@ const MAX_RESIDUAL_NETWORKS: i64 = 3;
 pub struct Sources {
     /// The robot.
     pub robot: RobotRow,
-    /// The measurement set to identify from, or to score; with several sessions, the first.
-    pub set: MeasurementSetInput,
-    /// The measurement sets of further sessions.
-    pub further_sets: Vec<MeasurementSetInput>,
+    /// The measurement sets to identify from, or to score: one for each session.
+    pub sets: Vec<MeasurementSetInput>,
     /// Another upload to verify on.
     pub verify_set: Option<MeasurementSetInput>,
     /// Base and tool frame from sweeps.
@@ -92,17 +90,15 @@ pub async fn load(
         }
     }
     several_sessions::check(request, &sets)?;
-    let mut sets = with_bytes(app, sets).await?.into_iter();
-    let set = sets.next().ok_or(store::Error::NotFound)?;
-    let further_sets: Vec<_> = sets.collect();
+    let sets = with_bytes(app, sets).await?;
+    let first = &sets.first().ok_or(store::Error::NotFound)?.row;
     let (networks, residual_networks, scored_frame) = tokio::join!(
-        networks(app, &robot, request, &set.row),
-        residual_networks(app, &robot, request, &set.row),
+        networks(app, &robot, request, first),
+        residual_networks(app, &robot, request, first),
         scored_frame(app, request, parameter_set.as_ref())
     );
     Ok(Sources {
-        set,
-        further_sets,
+        sets,
         verify_set,
         frames,
         networks: networks?,
@@ -229,21 +225,15 @@ async fn parameter_set(
 }
 
 fn no_released_set() -> Error {
-    Error::Conflict {
-        code: "no_active_parameter_set",
-        detail: "a check says whether the released set still holds, and this robot has none: release one, or name a candidate in parameter_set_id".into(),
-        errors: vec![],
-    }
+    let detail = "a check says whether the released set still holds, and this robot has none: release one, or name a candidate in parameter_set_id";
+    Error::conflict("no_active_parameter_set", detail)
 }
 
 fn held_is_withdrawn(id: &str) -> Error {
-    Error::Conflict {
-        code: "parameter_set_withdrawn",
-        detail: format!(
-            "the parameter set {id} was withdrawn, and what is identified here would keep its values: identify all parameters, or name another set"
-        ),
-        errors: vec![],
-    }
+    let detail = format!(
+        "the parameter set {id} was withdrawn, and what is identified here would keep its values: identify all parameters, or name another set"
+    );
+    Error::conflict("parameter_set_withdrawn", detail)
 }
 
 /// Refuses a parameter set that is archived, or that was identified with another joint map.
@@ -252,14 +242,11 @@ fn check_parameter_set(set: &ParameterSetRow, robot: &RobotRow) -> Result<(), Er
         return Err(access::archived("parameter set", &set.id));
     }
     if set.joint_map_version != robot.joint_map_version {
-        return Err(Error::Conflict {
-            code: "joint_map_changed",
-            detail: format!(
-                "the parameter set {} was identified with a joint map that the robot no longer has: identify anew from its upload",
-                set.id
-            ),
-            errors: vec![],
-        });
+        let detail = format!(
+            "the parameter set {} was identified with a joint map that the robot no longer has: identify anew from its upload",
+            set.id
+        );
+        return Err(Error::conflict("joint_map_changed", detail));
     }
     Ok(())
 }
@@ -357,9 +344,8 @@ async fn residual_networks(
     for network in found {
         let row = networks::get(&app.store, &network.id).await?;
         let job = stored::get(&app.store, &row.job_id).await?;
-        let (first, further) = MeasurementSetInput::read_of(&app.store, &job).await?;
         sources.push(ResidualSource {
-            sets: std::iter::once(first).chain(further).collect(),
+            sets: MeasurementSetInput::read_of(&app.store, &job).await?,
             trained_on_sha256: uploads_trained_on(app, &network.id).await?,
             id: network.id,
             weights: network.weights,

@@ -51,8 +51,7 @@ pub async fn list(
 ) -> Result<Json<Page<JobAnswer>>, Error> {
     access::robot(&app, &caller, &robot_id).await?;
     let found = jobs::search(&app.store, &robot_id, &query.request()?).await?;
-    let convert = |row| JobAnswer::try_from(&row);
-    Ok(Json(found.page.into_answer(found.total, convert)?))
+    Ok(Json(found.into_answer()?))
 }
 
 /// The jobs of all robots that the key may see.
@@ -72,8 +71,7 @@ pub async fn list_all(
         }
         None => jobs::search_all(&app.store, caller.robots.as_deref(), &query.request()?).await?,
     };
-    let convert = |row| JobAnswer::try_from(&row);
-    Ok(Json(found.page.into_answer(found.total, convert)?))
+    Ok(Json(found.into_answer()?))
 }
 
 /// A job. With `wait_s` the answer comes when the status changes or the job ends, at the latest after `wait_s` seconds.
@@ -89,10 +87,8 @@ pub async fn get(
 ) -> Result<Json<JobAnswer>, Error> {
     let wait_s = query.wait_s.unwrap_or(0);
     if wait_s > MAX_WAIT_S {
-        return Err(Error::BadRequest {
-            code: "invalid_query",
-            detail: format!("wait_s is {wait_s}; 0 to {MAX_WAIT_S} is allowed"),
-        });
+        let detail = format!("wait_s is {wait_s}; 0 to {MAX_WAIT_S} is allowed");
+        return Err(Error::invalid_query(detail));
     }
     let _permit = query.waits().then(|| app.limits.waiting()).transpose()?;
     let row = access::job(&app, &caller, &id).await?;

@@ -376,8 +376,7 @@ pub async fn list(
 ) -> Result<Json<Page<SetSummary>>, Error> {
     access::robot(&app, &caller, &robot_id).await?;
     let found = measurement_sets::search(&app.store, &robot_id, &query.request()?).await?;
-    let convert = |row| SetSummary::try_from(&row);
-    Ok(Json(found.page.into_answer(found.total, convert)?))
+    Ok(Json(found.into_answer()?))
 }
 
 /// A measurement set.
@@ -391,9 +390,8 @@ pub async fn get(
     caller: Caller,
     Id(id): Id,
 ) -> Result<Json<SetSummary>, Error> {
-    Ok(Json(SetSummary::try_from(
-        &access::measurement_set(&app, &caller, &id).await?,
-    )?))
+    let row = access::measurement_set(&app, &caller, &id).await?;
+    Ok(Json((&row).try_into()?))
 }
 
 /// The uploaded bytes, in their own content type.

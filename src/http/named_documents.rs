@@ -26,8 +26,7 @@ pub async fn list<A: DocumentAnswer>(
 ) -> Result<Json<Page<A>>, Error> {
     access::robot(app, caller, robot_id).await?;
     let found = named_documents::list(&app.store, robot_id, A::KIND, &query.request()?).await?;
-    let convert = |row| A::try_from(&row);
-    Ok(Json(found.page.into_answer(found.total, convert)?))
+    Ok(Json(found.into_answer()?))
 }
 
 /// The newest version of a document.

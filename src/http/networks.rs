@@ -28,8 +28,7 @@ pub async fn list(
 ) -> Result<Json<Page<NetworkAnswer>>, Error> {
     access::robot(&app, &caller, &robot_id).await?;
     let found = networks::search(&app.store, &robot_id, &query.request()?).await?;
-    let convert = NetworkAnswer::try_from;
-    Ok(Json(found.page.into_answer(found.total, convert)?))
+    Ok(Json(found.into_answer()?))
 }
 
 /// Metadata of a network.
@@ -42,7 +41,8 @@ pub async fn get(
     caller: Caller,
     Id(id): Id,
 ) -> Result<Json<NetworkAnswer>, Error> {
-    Ok(Json(access::network(&app, &caller, &id).await?.try_into()?))
+    let row = access::network(&app, &caller, &id).await?;
+    Ok(Json((&row).try_into()?))
 }
 
 /// A network's weights, in the safetensors format.
@@ -65,10 +65,10 @@ pub async fn weights(
     Ok((headers, networks::weights(&app.store, &id).await?).into_response())
 }
 
-impl TryFrom<NetworkRow> for NetworkAnswer {
+impl TryFrom<&NetworkRow> for NetworkAnswer {
     type Error = Error;
 
-    fn try_from(row: NetworkRow) -> Result<Self, Error> {
+    fn try_from(row: &NetworkRow) -> Result<Self, Error> {
         let NetworkMetadata {
             kind,
             parameter_names,
@@ -79,17 +79,17 @@ impl TryFrom<NetworkRow> for NetworkAnswer {
             validation_error,
         } = serde_json::from_str(&row.metadata_json)?;
         Ok(Self {
-            id: row.id,
+            id: row.id.clone(),
             kind,
-            robot_id: row.robot_id,
-            job_id: row.job_id,
+            robot_id: row.robot_id.clone(),
+            job_id: row.job_id.clone(),
             model,
             preset,
             parameter_names,
             n_hidden,
             training_error,
             validation_error,
-            sha256: row.weights_sha256,
+            sha256: row.weights_sha256.clone(),
             created_at: rfc3339(row.created_at_ms),
             archived_at: row.archived_at_ms.map(rfc3339),
         })

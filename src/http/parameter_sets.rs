@@ -39,8 +39,7 @@ pub async fn list(
 ) -> Result<Json<Page<ParameterSetAnswer>>, Error> {
     access::robot(&app, &caller, &robot_id).await?;
     let found = parameter_sets::search(&app.store, &robot_id, &query.request()?).await?;
-    let convert = ParameterSetAnswer::try_from;
-    Ok(Json(found.page.into_answer(found.total, convert)?))
+    Ok(Json(found.into_answer()?))
 }
 
 /// One parameter set.
@@ -54,9 +53,8 @@ pub async fn get(
     caller: Caller,
     Id(id): Id,
 ) -> Result<Json<ParameterSetAnswer>, Error> {
-    Ok(Json(ParameterSetAnswer::try_from(
-        access::parameter_set(&app, &caller, &id).await?,
-    )?))
+    let row = access::parameter_set(&app, &caller, &id).await?;
+    Ok(Json((&row).try_into()?))
 }
 
 /// The robot's released parameter set. Send its `ETag` as `If-None-Match` to get 304 while it has not changed.
@@ -78,7 +76,7 @@ pub async fn active(
     let row = parameter_sets::active(&app.store, &robot_id)
         .await?
         .ok_or(Error::NoActiveParameterSet)?;
-    let body = serde_json::to_vec(&ParameterSetAnswer::try_from(row)?)?;
+    let body = serde_json::to_vec(&ParameterSetAnswer::try_from(&row)?)?;
     let etag = format!("\"{}\"", canonical::sha256_hex(&body));
     if is_known(&headers, &etag) {
         return Ok((StatusCode::NOT_MODIFIED, [(header::ETAG, etag)]).into_response());
@@ -183,37 +181,37 @@ pub async fn report_summary(
     permit.run(move || serde_json::from_str(&summary)).await
 }
 
-impl TryFrom<ParameterSetRow> for ParameterSetAnswer {
+impl TryFrom<&ParameterSetRow> for ParameterSetAnswer {
     type Error = Error;
 
-    fn try_from(row: ParameterSetRow) -> Result<Self, Error> {
+    fn try_from(row: &ParameterSetRow) -> Result<Self, Error> {
         let ParameterSetContent {
             links,
             t_instrument_base,
             targets,
             links_with_corrections,
             corrections,
-        } = content(&row)?;
+        } = content(row)?;
         Ok(Self {
-            id: row.id,
-            robot_id: row.robot_id,
-            job_id: row.job_id,
+            id: row.id.clone(),
+            robot_id: row.robot_id.clone(),
+            job_id: row.job_id.clone(),
             status: row.status,
             links,
             t_instrument_base,
             targets,
             links_with_corrections,
             corrections,
-            sha256: row.sha256,
+            sha256: row.sha256.clone(),
             created_at: rfc3339(row.created_at_ms),
             released_at: row.released_at_ms.map(rfc3339),
-            release_reason: row.release_reason,
-            released_by: row.released_by,
-            released_by_name: row.released_by_name,
+            release_reason: row.release_reason.clone(),
+            released_by: row.released_by.clone(),
+            released_by_name: row.released_by_name.clone(),
             withdrawn_at: row.withdrawn_at_ms.map(rfc3339),
-            withdraw_reason: row.withdraw_reason,
-            withdrawn_by: row.withdrawn_by,
-            withdrawn_by_name: row.withdrawn_by_name,
+            withdraw_reason: row.withdraw_reason.clone(),
+            withdrawn_by: row.withdrawn_by.clone(),
+            withdrawn_by_name: row.withdrawn_by_name.clone(),
             release_checks: row
                 .release_checks_json
                 .as_deref()

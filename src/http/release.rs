@@ -70,7 +70,7 @@ pub async fn release(
         let release = checked.release(body.reason)?;
         let effect = async |tx: &mut Tx| {
             let row = parameter_sets::release(tx, &release).await?;
-            stored_json(200, None, &ParameterSetAnswer::try_from(row)?)
+            stored_json(200, None, &ParameterSetAnswer::try_from(&row)?)
         };
         submission.create(&app.store, effect).await
     };
@@ -101,7 +101,7 @@ pub async fn roll_back(
         let release = checked.release(reason)?;
         let effect = async |tx: &mut Tx| {
             let row = parameter_sets::roll_back(tx, &release).await?;
-            stored_json(200, None, &ParameterSetAnswer::try_from(row)?)
+            stored_json(200, None, &ParameterSetAnswer::try_from(&row)?)
         };
         submission.create(&app.store, effect).await
     };
@@ -125,7 +125,7 @@ pub async fn withdraw(
     let by = &submission.caller.holder;
     let effect = async |tx: &mut Tx| {
         let row = parameter_sets::withdraw(tx, &id, &reason, by).await?;
-        stored_json(200, None, &ParameterSetAnswer::try_from(row)?)
+        stored_json(200, None, &ParameterSetAnswer::try_from(&row)?)
     };
     submission.create(&app.store, effect).await
 }

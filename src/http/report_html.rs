@@ -63,6 +63,7 @@ pub async fn report_html(
             further_sets,
             job: Some(&JobAnswer::try_from(&job)?),
             parameter_set: parameter_set
+                .as_ref()
                 .map(ParameterSetAnswer::try_from)
                 .transpose()?
                 .as_ref(),

@@ -2,10 +2,10 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, Query, json_body, parse_small};
+use crate::http::list_query::checked_limit;
 use crate::http::{App, Error, access};
 use crate::operations;
 use crate::operations::robot_models::{self, MAX_SEARCH_CHARS};
-use crate::wire::page::{DEFAULT_PAGE, MAX_PAGE};
 use crate::wire::posture::{PostureAnswer, PostureBody};
 use crate::wire::robot::Robot;
 use crate::wire::robot_model::{RobotModel, RobotModelPage};
@@ -41,16 +41,11 @@ pub async fn list(
     _: Caller,
     Query(query): Query<ModelQuery>,
 ) -> Result<Json<RobotModelPage>, Error> {
-    let bad = |code, detail| Error::BadRequest { code, detail };
-    let limit = query.limit.unwrap_or(DEFAULT_PAGE);
-    if !(1..=MAX_PAGE).contains(&limit) {
-        let detail = format!("limit is {limit}; 1 to {MAX_PAGE} is allowed");
-        return Err(bad("invalid_query", detail));
-    }
+    let limit = checked_limit(query.limit)?;
     for text in [&query.search, &query.maker].into_iter().flatten() {
         if text.chars().count() > MAX_SEARCH_CHARS {
             let detail = format!("at most {MAX_SEARCH_CHARS} characters are searched for");
-            return Err(bad("invalid_query", detail));
+            return Err(Error::invalid_query(detail));
         }
     }
     let found = robot_models::page(
@@ -61,8 +56,8 @@ pub async fn list(
     );
     let page = found.map_err(unreadable)?;
     page.map(Json).ok_or_else(|| {
-        let detail = "no arm of this list is at the cursor: pass next_cursor on as it is, with the same search".into();
-        bad("invalid_cursor", detail)
+        let detail = "no arm of this list is at the cursor: pass next_cursor on as it is, with the same search";
+        Error::bad_request("invalid_cursor", detail)
     })
 }
 

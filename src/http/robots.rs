@@ -54,8 +54,7 @@ pub async fn list(
     Query(query): Query<NamedListQuery>,
 ) -> Result<Json<Page<RobotAnswer>>, Error> {
     let found = robots::search(&app.store, caller.robots.as_deref(), &query.request()?).await?;
-    let convert = |row| RobotAnswer::try_from(&row);
-    Ok(Json(found.page.into_answer(found.total, convert)?))
+    Ok(Json(found.into_answer()?))
 }
 
 /// One robot.
@@ -68,9 +67,8 @@ pub async fn get(
     caller: Caller,
     Id(robot_id): Id,
 ) -> Result<Json<RobotAnswer>, Error> {
-    Ok(Json(RobotAnswer::try_from(
-        &access::robot(&app, &caller, &robot_id).await?,
-    )?))
+    let row = access::robot(&app, &caller, &robot_id).await?;
+    Ok(Json((&row).try_into()?))
 }
 
 /// Edits a robot: name, serial number, description, mounting, joint limits, and the joint map as long as no parameter set was released.

@@ -147,7 +147,7 @@ pub(super) fn run_verification(
     let kept = kept.and_then(|input| input.estimate_json.as_deref());
     let estimate = stored_estimate(kept, &inputs.robot, None).map_err(JobFailure::broken)?;
     let identified_from = match &inputs.parameter_set {
-        Some(input) => points_of(input.uploads().chain(&input.sources), request)?,
+        Some(input) => points_of(input.sets.iter().chain(&input.sources), request)?,
         None => vec![],
     };
     let another = is_another_session(&request.robot, &request.set, &identified_from);

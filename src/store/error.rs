@@ -186,25 +186,17 @@ fn reason_of_code(code: &str) -> Option<&'static str> {
 const BY_TRIGGER: [&str; 3] = ["1811", "23000", "P0001"];
 
 impl Error {
-    /// Converts a trigger's refusal of a release to a [`Conflict`]; other errors are converted as usual.
-    pub(super) fn from_release(error: sqlx::Error) -> Self {
-        Self::from_trigger(error, |why| Conflict::RefusedBySchema { why })
-    }
-
-    /// Converts a trigger's refusal to the conflict that `conflict` makes from the trigger's message; other errors are converted as usual.
-    pub(super) fn from_trigger(
-        error: sqlx::Error,
-        conflict: impl FnOnce(String) -> Conflict,
-    ) -> Self {
-        match error.as_database_error() {
-            Some(refusal)
+    /// Converts a trigger's refusal to the conflict that `conflict` makes from the trigger's message. Other errors stay as they are.
+    pub(super) fn of_trigger(self, conflict: impl FnOnce(String) -> Conflict) -> Self {
+        match &self {
+            Self::Database(sqlx::Error::Database(refusal))
                 if refusal
                     .code()
                     .is_some_and(|code| BY_TRIGGER.contains(&&*code)) =>
             {
                 conflict(refusal.message().to_owned()).into()
             }
-            _ => error.into(),
+            _ => self,
         }
     }
 }

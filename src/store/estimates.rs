@@ -1,5 +1,6 @@
 //! The stored estimate of each parameter set, see `wire::estimate`.
 
+use super::sql::{self, values};
 use super::{Hashed, Result, Store, Tx};
 
 pub(super) const ALL_QUERIES: &[&str] = &[INSERT, OF_PARAMETER_SET, ALL];
@@ -18,18 +19,13 @@ pub(super) async fn insert(
     parameter_set_id: &str,
     json: &Hashed<String>,
 ) -> Result<()> {
-    sqlx::query(INSERT)
-        .bind(parameter_set_id)
-        .bind(json.content())
-        .execute(tx.connection())
-        .await?;
+    let values = values![parameter_set_id, json.content()];
+    sql::execute(tx.connection(), INSERT, values).await?;
     Ok(())
 }
 
 /// The estimate of a parameter set, if one was stored.
 pub async fn of_parameter_set(store: &Store, parameter_set_id: &str) -> Result<Option<String>> {
-    Ok(sqlx::query_scalar(OF_PARAMETER_SET)
-        .bind(parameter_set_id)
-        .fetch_optional(store.readers())
-        .await?)
+    let values = values![parameter_set_id];
+    sql::first_value(store.readers(), OF_PARAMETER_SET, values).await
 }

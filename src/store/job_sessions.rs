@@ -1,5 +1,6 @@
 //! The measurement sets of a job with several sessions, without the first set.
 
+use super::sql::{self, values};
 use super::{Result, Tx};
 
 /// SQL for the ids of a job's further sets: in order, separated by commas.
@@ -22,12 +23,7 @@ const INSERT: &str =
 /// [`super::Error::NotFound`] for a set that does not exist, [`super::Error::Database`].
 pub(super) async fn insert(tx: &mut Tx, job_id: &str, further_set_ids: &[String]) -> Result<()> {
     for (place, set_id) in (1_i64..).zip(further_set_ids) {
-        sqlx::query(INSERT)
-            .bind(job_id)
-            .bind(place)
-            .bind(set_id)
-            .execute(tx.connection())
-            .await?;
+        sql::execute(tx.connection(), INSERT, values![job_id, place, set_id]).await?;
     }
     Ok(())
 }

@@ -26,7 +26,7 @@ mod hashed;
 mod id_prefix;
 mod listing;
 mod page;
-mod read;
+mod sql;
 
 // The audit chain, the promises that are checked, and requests that are made once.
 pub mod audit;
@@ -77,12 +77,12 @@ pub use hashed::Hashed;
 pub use idempotency::{IdempotencyScope, IdempotentOutcome, StoredResponse};
 pub use jobs::{JobRow, NewJob};
 pub use leases::{Exhausted, Expired, Heartbeat, JobResult, Lease};
-pub use listing::{ListRequest, Listed};
+pub use listing::ListRequest;
 pub use measurement_sets::{MeasurementSetRow, NewMeasurementSet};
 pub use named_documents::NamedDocumentRow;
 pub use networks::{NetworkRow, NetworkWeights, NewNetwork};
 pub use open::StoreLocation;
-pub use page::{Cursor, InvalidCursor, Page, PageRequest};
+pub use page::{Cursor, InvalidCursor, Page};
 pub use parameter_sets::{CheckedState, NewParameterSet, ParameterSetRow, Release};
 pub use policies::PolicyRow;
 pub use robot_versions::RobotEdit;

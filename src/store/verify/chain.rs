@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use super::check::{BATCH, Check, MAX_LISTED, Options};
 use crate::store::audit_event::CREATION;
+use crate::store::sql::{self, values};
 use crate::store::{AuditEvent, AuditRow, Result, Store, audit, audit_chain, idempotency};
 
 /// Content of the chain, by subject.
@@ -125,12 +126,9 @@ pub(super) async fn read(store: &Store, options: &Options) -> Result<Chain> {
             head.seq
         ));
     }
-    let missing: Vec<String> = sqlx::query_scalar(MISSING)
-        .bind(head.begun_at_ms)
-        .bind(MAX_LISTED as i64)
-        .bind(format!("%{CREATION}"))
-        .fetch_all(store.readers())
-        .await?;
+    let pattern = format!("%{CREATION}");
+    let values = values![head.begun_at_ms, MAX_LISTED as i64, pattern];
+    let missing: Vec<String> = sql::all_values(store.readers(), MISSING, values).await?;
     missing
         .into_iter()
         .for_each(|id| check.violated(format!("{id} has no entry about its creation")));

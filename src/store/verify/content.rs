@@ -10,7 +10,8 @@ use crate::store::id_prefix::IdPrefix;
 use crate::store::idempotency::{self, Answered, IdempotencyScope};
 use crate::store::job_sessions::further_set_ids;
 use crate::store::report_summaries::SummaryOfReport;
-use crate::store::{AuditEvent, Result, Store, estimates, read, report_summaries};
+use crate::store::sql::{self, values};
+use crate::store::{AuditEvent, Result, Store, estimates, report_summaries};
 use crate::wire::canonical::sha256_hex;
 use crate::wire::report_summary::summary_json;
 use serde::Deserialize;
@@ -89,7 +90,7 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
             });
             compare_with_entry(&mut check, chain, &id, field, &now);
         };
-        read::each(store, query, DOCUMENT_BATCH, |row| &row.0, examine).await?;
+        sql::each(store, query, DOCUMENT_BATCH, |row| &row.0, examine).await?;
     }
     let documents = [
         (REPORTS, AuditEvent::JobSucceeded, "report_sha256"),
@@ -107,7 +108,7 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
             let now = sha256_hex(document.as_bytes());
             compare_with_entry(&mut check, chain, &id, field, &now);
         };
-        read::each(store, query, DOCUMENT_BATCH, |row| &row.0, examine).await?;
+        sql::each(store, query, DOCUMENT_BATCH, |row| &row.0, examine).await?;
     }
     check.n_examined = found;
     compare_summaries(&mut check, store).await?;
@@ -131,7 +132,7 @@ async fn compare_summaries(check: &mut Check, store: &Store) -> Result<()> {
         });
     };
     let query = report_summaries::BY_ID;
-    read::each(store, query, DOCUMENT_BATCH, |row| &row.job_id, examine).await
+    sql::each(store, query, DOCUMENT_BATCH, |row| &row.job_id, examine).await
 }
 
 /// A field of the newest entry of an event.
@@ -174,7 +175,8 @@ async fn is_there(store: &Store, id: &str) -> Result<bool> {
         IdPrefix::Network => SUBJECT_NETWORK,
         IdPrefix::Key => SUBJECT_KEY,
     };
-    Ok(read::value::<i64>(store.readers(), query, id).await? == 1)
+    let n: i64 = sql::value(store.readers(), query, values![id]).await?;
+    Ok(n == 1)
 }
 
 /// I2: the stored answer to an Idempotency-Key and the effect of the request agree, because one transaction wrote both. A missing answer cannot be
@@ -186,13 +188,8 @@ pub(super) async fn answers_have_effects(store: &Store, chain: &Chain) -> Result
     );
     let mut after = IdempotencyScope::default();
     loop {
-        let query = sqlx::query_as(ANSWERS)
-            .bind(&after.holder)
-            .bind(&after.method)
-            .bind(&after.path)
-            .bind(&after.key)
-            .bind(BATCH);
-        let rows: Vec<Answered> = query.fetch_all(store.readers()).await?;
+        let values = values![after.holder, after.method, after.path, after.key, BATCH];
+        let rows: Vec<Answered> = sql::all(store.readers(), ANSWERS, values).await?;
         let Some(last) = rows.last() else {
             return Ok(check);
         };
@@ -259,12 +256,10 @@ pub(super) async fn jobs_end_once(
             format!("{id} is {status} and has a parameter set")
         });
     };
-    read::each(store, ENDS, BATCH, |row| &row.0, examine).await?;
+    sql::each(store, ENDS, BATCH, |row| &row.0, examine).await?;
     if options.is_served {
-        let stuck: Vec<String> = sqlx::query_scalar(STUCK)
-            .bind(STUCK_AFTER_MS)
-            .fetch_all(store.readers())
-            .await?;
+        let values = values![STUCK_AFTER_MS];
+        let stuck: Vec<String> = sql::all_values(store.readers(), STUCK, values).await?;
         stuck.into_iter().for_each(|id| {
             check.violated(format!(
                 "{id} is stuck: its lease ran out over a minute ago"
@@ -286,7 +281,7 @@ async fn at_most_one(
     counts: &'static str,
     what: &str,
 ) -> Result<Check> {
-    let counts: Vec<(String, i64)> = sqlx::query_as(counts).fetch_all(store.readers()).await?;
+    let counts: Vec<(String, i64)> = sql::all(store.readers(), counts, values![]).await?;
     for (id, n) in counts {
         check.n_examined += 1;
         check.require(n == 1, || format!("{id} has {n} {what}"));
@@ -362,7 +357,7 @@ pub(super) async fn same_request_same_result(store: &Store, chain: &Chain) -> Re
             format!("{id} and {first} have equal inputs and different results")
         });
     };
-    read::each(store, JOBS, DOCUMENT_BATCH, |row| &row.id, examine).await?;
+    sql::each(store, JOBS, DOCUMENT_BATCH, |row| &row.id, examine).await?;
     Ok(check)
 }
 
@@ -387,7 +382,7 @@ row! {
 /// I7: the checks of a release are stored, all of them passed, and their hash is in the chain.
 pub(super) async fn releases_have_checks(store: &Store, chain: &Chain) -> Result<Check> {
     let mut check = Check::new("I7", "no release without its checks");
-    let rows: Vec<Released> = sqlx::query_as(RELEASES).fetch_all(store.readers()).await?;
+    let rows: Vec<Released> = sql::all(store.readers(), RELEASES, values![]).await?;
     for row in rows {
         let Released {
             id,
