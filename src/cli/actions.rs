@@ -34,13 +34,6 @@ pub struct RobotDecisionArguments {
     reason: String,
 }
 
-/// Cancel a job.
-#[derive(Debug, clap::Args)]
-pub struct CancelArguments {
-    #[command(flatten)]
-    job: OfJob,
-}
-
 /// `kincal release`.
 pub fn release(arguments: &ReleaseArguments) -> anyhow::Result<()> {
     let DecisionArguments { set: of, reason } = &arguments.decision;
@@ -102,8 +95,7 @@ pub fn roll_back(arguments: &RobotDecisionArguments) -> anyhow::Result<()> {
 }
 
 /// `kincal cancel`.
-pub fn cancel(arguments: &CancelArguments) -> anyhow::Result<()> {
-    let of = &arguments.job;
+pub fn cancel(of: &OfJob) -> anyhow::Result<()> {
     let job = of.post("/cancel", &json!({}))?;
     of.output.print(&job, || match job["status"].as_str() {
         Some("running") => format!("{} is asked to stop", of.id),

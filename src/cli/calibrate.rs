@@ -160,7 +160,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         std::fs::write(path, report_page::html(&sources))
             .with_context(|| format!("cannot write {}", path.display()))?;
     }
-    print(arguments, &report)?;
+    arguments.output.print(&report, || table::report(&report))?;
     refuse_unusable(&report, None)?;
     if let Some(path) = &arguments.parameters_file {
         let summary = serde_json::from_value(serde_json::to_value(&report)?)?;
@@ -307,15 +307,6 @@ fn decides(check: &CheckReport, headline: Option<&str>) -> bool {
         Some(DOES_NOT_FIT) => check.verdict == CheckVerdict::Changed && is_explained,
         Some(_) => false,
     }
-}
-
-fn print(arguments: &Arguments, report: &Report) -> anyhow::Result<()> {
-    if arguments.output.json {
-        say!("{}", serde_json::to_string_pretty(report)?);
-    } else {
-        say!("{}", table::report(report));
-    }
-    Ok(())
 }
 
 fn body(arguments: &Arguments) -> JobRequestBody {

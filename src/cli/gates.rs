@@ -6,25 +6,16 @@ use super::terminal;
 use super::terminal::{Output, plain};
 use serde_json::Value;
 
-/// Check the gates of a release of a parameter set, without releasing it.
-#[derive(Debug, clap::Args)]
-pub struct Arguments {
-    #[command(flatten)]
-    set: OfParameterSet,
-}
-
 /// `kincal gates`.
-pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let OfParameterSet { id, output, .. } = &arguments.set;
-    show(&arguments.set.get("/gates")?, id, output)
+pub fn run(of: &OfParameterSet) -> anyhow::Result<()> {
+    show(&of.get("/gates")?, &of.id, &of.output)
 }
 
 /// Prints the gates of a parameter set; an error if one would refuse its release.
 pub fn show(found: &Value, id: &str, output: &Output) -> anyhow::Result<()> {
-    if output.json {
-        say!("{}", serde_json::to_string_pretty(found)?);
-    } else {
-        terminal::raw(gate_lines(found));
+    match output.json {
+        true => terminal::json(found)?,
+        false => terminal::raw(gate_lines(found)),
     }
     if found["releasable"] != true {
         anyhow::bail!("a release of {id} would be refused");

@@ -52,7 +52,6 @@ mod remedy;
 mod runtime;
 mod subject;
 mod table;
-mod text_table;
 mod usage;
 
 use clap::{CommandFactory, Parser, Subcommand};
@@ -129,7 +128,7 @@ enum Command {
     /// Find base and tool frame from sweeps of single joints.
     Frames(frames::Arguments),
     /// Check the gates of a release, without releasing; exit code 1 if the release would be refused.
-    Gates(gates::Arguments),
+    Gates(subject::OfParameterSet),
     /// Show or set a robot's release policy.
     Policy(policy::Arguments),
     /// List a robot's work frames, or keep one under a name.
@@ -139,7 +138,7 @@ enum Command {
     /// List a robot's references (a scale bar that the instrument measured), or store one.
     References(references::Arguments),
     /// Show which parameters moved between a robot's identifications.
-    History(history::HistoryArguments),
+    History(subject::OfRobot),
     /// Show the differences between two parameter sets.
     Compare(history::CompareArguments),
     /// Print a parameter set in a format of other software or of a controller.
@@ -159,7 +158,7 @@ enum Command {
     /// State why a robot is in order although a session did not fit it.
     Checked(actions::RobotDecisionArguments),
     /// Cancel a job.
-    Cancel(actions::CancelArguments),
+    Cancel(subject::OfJob),
     /// Run the paper's calibrations through a real server with a temporary database, and compare with the paper's tables.
     Demo(demo::Arguments),
     /// Print the OpenAPI document.

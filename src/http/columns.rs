@@ -3,13 +3,13 @@
 use crate::http::auth::Caller;
 use crate::http::creation::Submission;
 use crate::http::extract::{Id, Query};
-use crate::http::list_query::NewestListQuery;
+use crate::http::list_query::{NewestListQuery, list_of_robot};
 use crate::http::named_documents::DocumentAnswer;
 use crate::http::table_upload::{refuse_other_types, stated_columns, table_type};
 use crate::http::{App, Error, access, named_documents};
 use crate::operations::preview_table;
-use crate::store::NamedDocumentRow;
 use crate::store::named_documents::NamedDocumentKind;
+use crate::store::{self, NamedDocumentRow};
 use crate::wire::columns::{ColumnMappingAnswer, ColumnsBody};
 use crate::wire::issue::Checker;
 use crate::wire::measurement::Decimal;
@@ -94,19 +94,9 @@ fn check_name(name: &str) -> Result<(), Error> {
     Ok(checker.finish("invalid_name")?)
 }
 
-/// A robot's mappings of columns, newest first.
-#[utoipa::path(
-    get, path = "/v1/robots/{robot_id}/columns", tag = "measurement sets", operation_id = "listColumns",
-    params(("robot_id" = String, Path, description = "The robot"), NewestListQuery),
-    responses((status = 200, description = "One page", body = Page<ColumnMappingAnswer>))
-)]
-pub async fn list(
-    State(app): State<App>,
-    caller: Caller,
-    Id(robot_id): Id,
-    Query(query): Query<NewestListQuery>,
-) -> Result<Json<Page<ColumnMappingAnswer>>, Error> {
-    named_documents::list(&app, &caller, &robot_id, query).await
+list_of_robot! {
+    /// A robot's mappings of columns, newest first.
+    list: "/v1/robots/{robot_id}/columns" "measurement sets" "listColumns", NewestListQuery ColumnMappingAnswer, store::named_documents::list, NamedDocumentKind::Columns
 }
 
 /// A mapping of columns by its name.

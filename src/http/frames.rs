@@ -6,7 +6,7 @@ use crate::http::extract::Id;
 use crate::http::{App, Error, access};
 use crate::operations::frames_from_sweeps;
 use crate::store::{FramesRow, NewFrames, Tx, frames};
-use crate::wire::frames::FramesAnswer;
+use crate::wire::frames::{FramesAnswer, FramesContent};
 use crate::wire::robot::Robot;
 use crate::wire::time::rfc3339;
 use axum::Json;
@@ -70,11 +70,18 @@ impl TryFrom<&FramesRow> for FramesAnswer {
     type Error = Error;
 
     fn try_from(row: &FramesRow) -> Result<Self, Error> {
-        Ok(Self::new(
-            row.id.clone(),
-            row.robot_id.clone(),
-            serde_json::from_str(&row.result_json)?,
-            rfc3339(row.created_at_ms),
-        ))
+        let FramesContent {
+            t_instrument_base,
+            z_tool_mm,
+            circles,
+        } = serde_json::from_str(&row.result_json)?;
+        Ok(Self {
+            id: row.id.clone(),
+            robot_id: row.robot_id.clone(),
+            t_instrument_base,
+            z_tool_mm,
+            circles,
+            created_at: rfc3339(row.created_at_ms),
+        })
     }
 }

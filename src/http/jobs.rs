@@ -2,7 +2,7 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, Query};
-use crate::http::list_query::{AllJobsQuery, JobListQuery};
+use crate::http::list_query::{AllJobsQuery, JobListQuery, list_of_robot};
 use crate::http::{App, Error, access};
 use crate::jobs::queue;
 use crate::store::{self, JobRow, jobs};
@@ -37,21 +37,9 @@ impl WaitQuery {
     }
 }
 
-/// A robot's jobs.
-#[utoipa::path(
-    get, path = "/v1/robots/{robot_id}/jobs", tag = "jobs", operation_id = "listJobs",
-    params(("robot_id" = String, Path, description = "The robot"), JobListQuery),
-    responses((status = 200, description = "One page", body = Page<JobAnswer>))
-)]
-pub async fn list(
-    State(app): State<App>,
-    caller: Caller,
-    Id(robot_id): Id,
-    Query(query): Query<JobListQuery>,
-) -> Result<Json<Page<JobAnswer>>, Error> {
-    access::robot(&app, &caller, &robot_id).await?;
-    let found = jobs::search(&app.store, &robot_id, &query.request()?).await?;
-    Ok(Json(found.into_answer()?))
+list_of_robot! {
+    /// A robot's jobs.
+    list: "/v1/robots/{robot_id}/jobs" "jobs" "listJobs", JobListQuery JobAnswer, jobs::search
 }
 
 /// The jobs of all robots that the key may see.

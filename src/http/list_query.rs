@@ -169,3 +169,27 @@ list_query! {
         pub robot_id: Option<String>,
     }
 }
+
+/// Makes the handler of a robot's list: its documentation, name, path, tag and operation, the query, the shape of an item, and the function of the
+/// store, with the kind of documents if it lists several kinds.
+macro_rules! list_of_robot {
+    ($(#[$doc:meta])+ $name:ident: $path:tt $tag:tt $operation:tt, $query:ident $item:ident, $list:path $(, $kind:expr)?) => {
+        $(#[$doc])+
+        #[utoipa::path(
+            get, path = $path, tag = $tag, operation_id = $operation,
+            params(("robot_id" = String, Path, description = "The robot"), $query),
+            responses((status = 200, description = "One page", body = Page<$item>))
+        )]
+        pub async fn $name(
+            axum::extract::State(app): axum::extract::State<$crate::http::App>,
+            caller: $crate::http::auth::Caller,
+            $crate::http::extract::Id(robot_id): $crate::http::extract::Id,
+            $crate::http::extract::Query(query): $crate::http::extract::Query<$query>,
+        ) -> Result<axum::Json<Page<$item>>, $crate::http::Error> {
+            $crate::http::access::robot(&app, &caller, &robot_id).await?;
+            let found = $list(&app.store, &robot_id, $($kind,)? &query.request()?).await?;
+            Ok(axum::Json(found.into_answer()?))
+        }
+    };
+}
+pub(super) use list_of_robot;

@@ -6,7 +6,7 @@ use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::{Id, Query};
 use crate::http::limits::ComputePermit;
-use crate::http::list_query::NamedListQuery;
+use crate::http::list_query::{NamedListQuery, list_of_robot};
 use crate::http::table_upload::{refuse_other_types, stated_columns, table_type};
 use crate::http::upload_check::{self, Misfit};
 use crate::http::{App, Error, access, references};
@@ -362,21 +362,9 @@ fn check_serial_number(robot: &RobotBody, stated: Option<&str>) -> Result<(), Er
     }
 }
 
-/// A robot's measurement sets.
-#[utoipa::path(
-    get, path = "/v1/robots/{robot_id}/measurement-sets", tag = "measurement sets", operation_id = "listMeasurementSets",
-    params(("robot_id" = String, Path, description = "The robot"), NamedListQuery),
-    responses((status = 200, description = "One page", body = Page<SetSummary>))
-)]
-pub async fn list(
-    State(app): State<App>,
-    caller: Caller,
-    Id(robot_id): Id,
-    Query(query): Query<NamedListQuery>,
-) -> Result<Json<Page<SetSummary>>, Error> {
-    access::robot(&app, &caller, &robot_id).await?;
-    let found = measurement_sets::search(&app.store, &robot_id, &query.request()?).await?;
-    Ok(Json(found.into_answer()?))
+list_of_robot! {
+    /// A robot's measurement sets.
+    list: "/v1/robots/{robot_id}/measurement-sets" "measurement sets" "listMeasurementSets", NamedListQuery SetSummary, measurement_sets::search
 }
 
 /// A measurement set.

@@ -2,11 +2,9 @@
 
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
-use crate::http::list_query::NewestListQuery;
 use crate::http::{App, Error, access};
 use crate::store::named_documents::{self, NamedDocumentKind, NewNamedDocument};
 use crate::store::{self, NamedDocumentRow, StoredResponse, Tx};
-use crate::wire::page::Page;
 use axum::Json;
 use axum::response::Response;
 use serde::Serialize;
@@ -15,18 +13,6 @@ use serde::Serialize;
 pub trait DocumentAnswer: for<'r> TryFrom<&'r NamedDocumentRow, Error = Error> + Serialize {
     /// The kind.
     const KIND: NamedDocumentKind;
-}
-
-/// One page of a robot's documents of a kind.
-pub async fn list<A: DocumentAnswer>(
-    app: &App,
-    caller: &Caller,
-    robot_id: &str,
-    query: NewestListQuery,
-) -> Result<Json<Page<A>>, Error> {
-    access::robot(app, caller, robot_id).await?;
-    let found = named_documents::list(&app.store, robot_id, A::KIND, &query.request()?).await?;
-    Ok(Json(found.into_answer()?))
 }
 
 /// The newest version of a document.

@@ -2,14 +2,13 @@
 
 use crate::http::auth::Caller;
 use crate::http::creation::Submission;
-use crate::http::extract::{Id, Query};
 use crate::http::job_sources::require_own;
-use crate::http::list_query::NewestListQuery;
+use crate::http::list_query::{NewestListQuery, list_of_robot};
 use crate::http::measurement_sets::points_of;
 use crate::http::named_documents::DocumentAnswer;
 use crate::http::{App, Error, access, named_documents};
 use crate::store::named_documents::NamedDocumentKind;
-use crate::store::{NamedDocumentRow, measurement_sets};
+use crate::store::{self, NamedDocumentRow, measurement_sets};
 use crate::wire::id;
 use crate::wire::named_frame::{ToolAnswer, WorkFrameAnswer, WorkFrameBody, check_name};
 use crate::wire::page::Page;
@@ -21,19 +20,9 @@ use axum::extract::{Path, State};
 use axum::response::Response;
 use serde::de::DeserializeOwned;
 
-/// A robot's work frames, newest first.
-#[utoipa::path(
-    get, path = "/v1/robots/{robot_id}/work-frames", tag = "robots", operation_id = "listWorkFrames",
-    params(("robot_id" = String, Path, description = "The robot"), NewestListQuery),
-    responses((status = 200, description = "One page", body = Page<WorkFrameAnswer>))
-)]
-pub async fn list_work_frames(
-    State(app): State<App>,
-    caller: Caller,
-    Id(robot_id): Id,
-    Query(query): Query<NewestListQuery>,
-) -> Result<Json<Page<WorkFrameAnswer>>, Error> {
-    named_documents::list(&app, &caller, &robot_id, query).await
+list_of_robot! {
+    /// A robot's work frames, newest first.
+    list_work_frames: "/v1/robots/{robot_id}/work-frames" "robots" "listWorkFrames", NewestListQuery WorkFrameAnswer, store::named_documents::list, NamedDocumentKind::WorkFrame
 }
 
 /// A work frame by its name.
@@ -80,19 +69,9 @@ pub async fn put_work_frame(
     named_documents::put::<WorkFrameAnswer>(&app, &robot_id, &name, &submission, body).await
 }
 
-/// A robot's tools, newest first.
-#[utoipa::path(
-    get, path = "/v1/robots/{robot_id}/tools", tag = "robots", operation_id = "listTools",
-    params(("robot_id" = String, Path, description = "The robot"), NewestListQuery),
-    responses((status = 200, description = "One page", body = Page<ToolAnswer>))
-)]
-pub async fn list_tools(
-    State(app): State<App>,
-    caller: Caller,
-    Id(robot_id): Id,
-    Query(query): Query<NewestListQuery>,
-) -> Result<Json<Page<ToolAnswer>>, Error> {
-    named_documents::list(&app, &caller, &robot_id, query).await
+list_of_robot! {
+    /// A robot's tools, newest first.
+    list_tools: "/v1/robots/{robot_id}/tools" "robots" "listTools", NewestListQuery ToolAnswer, store::named_documents::list, NamedDocumentKind::Tool
 }
 
 /// A tool by its name.

@@ -1,8 +1,8 @@
 //! Trained networks.
 
 use crate::http::auth::Caller;
-use crate::http::extract::{Id, Query};
-use crate::http::list_query::PlainListQuery;
+use crate::http::extract::Id;
+use crate::http::list_query::{PlainListQuery, list_of_robot};
 use crate::http::{App, Error, access};
 use crate::store::{NetworkRow, networks};
 use crate::wire::network::NetworkAnswer;
@@ -14,21 +14,9 @@ use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
 
-/// A robot's networks.
-#[utoipa::path(
-    get, path = "/v1/robots/{robot_id}/networks", tag = "networks", operation_id = "listNetworks",
-    params(("robot_id" = String, Path, description = "The robot"), PlainListQuery),
-    responses((status = 200, description = "One page", body = Page<NetworkAnswer>))
-)]
-pub async fn list(
-    State(app): State<App>,
-    caller: Caller,
-    Id(robot_id): Id,
-    Query(query): Query<PlainListQuery>,
-) -> Result<Json<Page<NetworkAnswer>>, Error> {
-    access::robot(&app, &caller, &robot_id).await?;
-    let found = networks::search(&app.store, &robot_id, &query.request()?).await?;
-    Ok(Json(found.into_answer()?))
+list_of_robot! {
+    /// A robot's networks.
+    list: "/v1/robots/{robot_id}/networks" "networks" "listNetworks", PlainListQuery NetworkAnswer, networks::search
 }
 
 /// Metadata of a network.

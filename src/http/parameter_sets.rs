@@ -2,10 +2,10 @@
 
 use crate::calibration::request::Estimate;
 use crate::http::auth::Caller;
-use crate::http::extract::{Id, Query};
+use crate::http::extract::Id;
 use crate::http::headers::is_known;
 use crate::http::limits::ComputePermit;
-use crate::http::list_query::ParameterSetListQuery;
+use crate::http::list_query::{ParameterSetListQuery, list_of_robot};
 use crate::http::{App, Error, access};
 use crate::jobs::estimate::estimate_of;
 use crate::release;
@@ -25,21 +25,9 @@ use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
-/// A robot's parameter sets.
-#[utoipa::path(
-    get, path = "/v1/robots/{robot_id}/parameter-sets", tag = "parameter sets", operation_id = "listParameterSets",
-    params(("robot_id" = String, Path, description = "The robot"), ParameterSetListQuery),
-    responses((status = 200, description = "One page", body = Page<ParameterSetAnswer>))
-)]
-pub async fn list(
-    State(app): State<App>,
-    caller: Caller,
-    Id(robot_id): Id,
-    Query(query): Query<ParameterSetListQuery>,
-) -> Result<Json<Page<ParameterSetAnswer>>, Error> {
-    access::robot(&app, &caller, &robot_id).await?;
-    let found = parameter_sets::search(&app.store, &robot_id, &query.request()?).await?;
-    Ok(Json(found.into_answer()?))
+list_of_robot! {
+    /// A robot's parameter sets.
+    list: "/v1/robots/{robot_id}/parameter-sets" "parameter sets" "listParameterSets", ParameterSetListQuery ParameterSetAnswer, parameter_sets::search
 }
 
 /// One parameter set.

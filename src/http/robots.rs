@@ -8,7 +8,7 @@ use crate::http::{App, Error, access};
 use crate::store::{NewRobot, RobotEdit, RobotRow, Tx, robot_versions, robots};
 use crate::wire::page::Page;
 use crate::wire::parameter_set::ReasonBody;
-use crate::wire::robot::{CheckedAnswer, Robot, RobotAnswer, RobotBody, RobotState};
+use crate::wire::robot::{CheckedAnswer, Robot, RobotAnswer, RobotBody, RobotStateName};
 use crate::wire::robot_patch::{EditedRobot, RobotPatchBody};
 use crate::wire::time::rfc3339;
 use axum::Json;
@@ -153,8 +153,27 @@ impl TryFrom<&RobotRow> for RobotAnswer {
     type Error = Error;
 
     fn try_from(row: &RobotRow) -> Result<Self, Error> {
+        let RobotBody {
+            name,
+            serial_number,
+            description,
+            links,
+            mounting,
+            joint_map,
+        } = access::robot_body(row)?;
         let checked = row.checked_reason.as_ref().zip(row.checked_at_ms);
-        let state = RobotState {
+        Ok(Self {
+            id: row.id.clone(),
+            name,
+            serial_number,
+            description,
+            links,
+            mounting,
+            joint_map,
+            state: match row.check_job_id {
+                Some(_) => RobotStateName::CheckRobot,
+                None => RobotStateName::Ok,
+            },
             check_job_id: row.check_job_id.clone(),
             checked: checked.map(|(reason, at_ms)| CheckedAnswer {
                 reason: reason.clone(),
@@ -163,12 +182,7 @@ impl TryFrom<&RobotRow> for RobotAnswer {
             }),
             version: row.version,
             archived_at: row.archived_at_ms.map(rfc3339),
-        };
-        Ok(Self::new(
-            row.id.clone(),
-            access::robot_body(row)?,
-            rfc3339(row.created_at_ms),
-            state,
-        ))
+            created_at: rfc3339(row.created_at_ms),
+        })
     }
 }

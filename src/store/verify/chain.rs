@@ -25,17 +25,27 @@ pub(super) struct Entry {
     pub(super) detail: serde_json::Value,
 }
 
+/// SQL: everything whose creation has an entry.
+macro_rules! created_rows {
+    () => {
+        "select id, created_at_ms from robot union all select id, created_at_ms from measurement_set
+         union all select id, created_at_ms from named_document union all select id, created_at_ms from frames
+         union all select id, created_at_ms from job
+         union all select id, created_at_ms from network union all select id, created_at_ms from residual_network
+         union all select id, created_at_ms from parameter_set
+         union all select id, created_at_ms from api_key"
+    };
+}
+pub(super) use created_rows;
+
 /// Rows that were created after the chain began and have no entry.
-pub(super) const MISSING: &str = "
-    select id from (
-        select id, created_at_ms from robot union all select id, created_at_ms from measurement_set
-        union all select id, created_at_ms from named_document union all select id, created_at_ms from frames
-        union all select id, created_at_ms from job
-        union all select id, created_at_ms from network union all select id, created_at_ms from residual_network
-        union all select id, created_at_ms from parameter_set
-        union all select id, created_at_ms from api_key) as things
-    where created_at_ms > $1 and not exists (select 1 from audit where subject = id and event like $3)
-    order by id limit cast($2 as bigint)";
+pub(super) const MISSING: &str = concat!(
+    "select id from (",
+    created_rows!(),
+    ") as things
+     where created_at_ms > $1 and not exists (select 1 from audit where subject = id and event like $3)
+     order by id limit cast($2 as bigint)"
+);
 
 impl Chain {
     /// The entries of one event about one subject.

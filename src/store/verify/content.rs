@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::chain::Chain;
+use super::chain::{Chain, created_rows};
 use super::check::{BATCH, Check, DOCUMENT_BATCH, Options};
 use super::rules;
 use crate::store::from_row::row;
@@ -39,15 +39,11 @@ pub(super) const ANSWERS: &str = "
     select key_holder, method, path, idempotency_key, request_sha256, status, location, content_type, response_body from idempotency
     where (key_holder, method, path, idempotency_key) > ($1, $2, $3, $4)
     order by key_holder, method, path, idempotency_key limit cast($5 as bigint)";
-pub(super) const SUBJECT_SET: &str = "select count(*) from measurement_set where id = $1";
-pub(super) const SUBJECT_FRAMES: &str = "select count(*) from frames where id = $1";
-pub(super) const SUBJECT_NAMED_DOCUMENT: &str = "select count(*) from named_document where id = $1";
-pub(super) const SUBJECT_ROBOT: &str = "select count(*) from robot where id = $1";
-pub(super) const SUBJECT_JOB: &str = "select count(*) from job where id = $1";
-pub(super) const SUBJECT_PARAMETER_SET: &str = "select count(*) from parameter_set where id = $1";
-pub(super) const SUBJECT_NETWORK: &str = "
-    select count(*) from (select id from network union all select id from residual_network) as both_kinds where id = $1";
-pub(super) const SUBJECT_KEY: &str = "select count(*) from api_key where id = $1";
+pub(super) const IS_THERE: &str = concat!(
+    "select count(*) from (",
+    created_rows!(),
+    ") as things where id = $1"
+);
 pub(super) const ENDS: &str = "
     select id, status, created_at_ms, (select count(*) from parameter_set p where p.job_id = job.id)
     from job where id > $1 order by id limit cast($2 as bigint)";
@@ -162,20 +158,10 @@ async fn check_lost_rows(check: &mut Check, store: &Store, chain: &Chain) -> Res
 }
 
 async fn is_there(store: &Store, id: &str) -> Result<bool> {
-    let Some(prefix) = IdPrefix::of(id) else {
+    if IdPrefix::of(id).is_none() {
         return Ok(true);
-    };
-    let query = match prefix {
-        IdPrefix::MeasurementSet => SUBJECT_SET,
-        IdPrefix::Frames => SUBJECT_FRAMES,
-        IdPrefix::Columns | IdPrefix::Document | IdPrefix::Reference => SUBJECT_NAMED_DOCUMENT,
-        IdPrefix::Robot => SUBJECT_ROBOT,
-        IdPrefix::Job => SUBJECT_JOB,
-        IdPrefix::ParameterSet => SUBJECT_PARAMETER_SET,
-        IdPrefix::Network => SUBJECT_NETWORK,
-        IdPrefix::Key => SUBJECT_KEY,
-    };
-    let n: i64 = sql::value(store.readers(), query, values![id]).await?;
+    }
+    let n: i64 = sql::value(store.readers(), IS_THERE, values![id]).await?;
     Ok(n == 1)
 }
 
