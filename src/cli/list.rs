@@ -1,7 +1,7 @@
 //! `kincal robots|sets|jobs|params|networks`: lists what a server has, or shows one item.
 
+use super::actions::show_gates;
 use super::client::{Client, ServerArguments};
-use super::gates;
 use super::runtime::block_on;
 use super::subject::{item, with_query};
 use super::terminal::{self, Output, cells, items};
@@ -308,7 +308,7 @@ pub fn parameter_sets(arguments: &ParameterSetArguments) -> anyhow::Result<()> {
     if let Some(id) = &of.id {
         if arguments.gates {
             let path = item(PARAMETER_SETS.one, id, "/gates")?;
-            return gates::show(&of.server.get(&path)?, id, &of.options.output);
+            return show_gates(&of.server.get(&path)?, id, &of.options.output);
         }
         if arguments.content {
             let path = item(PARAMETER_SETS.one, id, "/content")?;

@@ -12,14 +12,12 @@ mod key;
 mod openapi;
 mod serve;
 mod verify_store;
-mod worker;
 
 // What is asked of a server.
 mod actions;
 mod archive;
 mod client;
 mod failure;
-mod gates;
 mod history;
 mod list;
 mod policy;
@@ -45,7 +43,6 @@ mod predict;
 mod program;
 
 // What commands share: arguments, texts and tables.
-mod check_table;
 mod numbers;
 mod options;
 mod remedy;
@@ -89,7 +86,7 @@ enum Command {
     /// Compute calibrations without serving requests: one of several nodes on one PostgreSQL.
     Worker(crate::config::WorkerConfig),
     /// Bring the database's schema up to date.
-    Migrate(worker::MigrateArguments),
+    Migrate(serve::MigrateArguments),
     /// Copy a whole database into an empty one: SQLite to PostgreSQL, or back.
     CopyStore(copy_store::Arguments),
     /// Make, list and revoke keys.
@@ -185,8 +182,8 @@ pub fn main() -> ExitCode {
     let arguments = std::env::args_os().map(as_value);
     let result = match Arguments::parse_from(arguments).command {
         Command::Serve(config) => serve::run(&config),
-        Command::Worker(config) => worker::run(&config),
-        Command::Migrate(arguments) => worker::migrate(&arguments),
+        Command::Worker(config) => serve::work(&config),
+        Command::Migrate(arguments) => serve::migrate(&arguments),
         Command::CopyStore(arguments) => copy_store::run(&arguments),
         Command::Key(arguments) => key::run(&arguments),
         Command::Backup(arguments) => backup::run(&arguments),
@@ -202,7 +199,7 @@ pub fn main() -> ExitCode {
         Command::Networks(arguments) => list::networks(&arguments),
         Command::Frames(arguments) => frames::run(&arguments),
         Command::Columns(arguments) => columns::run(&arguments),
-        Command::Gates(arguments) => gates::run(&arguments),
+        Command::Gates(arguments) => actions::gates(&arguments),
         Command::Policy(arguments) => policy::run(&arguments),
         Command::WorkFrames(arguments) => named_frames::work_frames(&arguments),
         Command::Tools(arguments) => named_frames::tools(&arguments),

@@ -9,9 +9,10 @@ use crate::http::{App, Error, access, named_frames, parameter_sets};
 use crate::operations::program::{Program, ProgramTarget};
 use crate::operations::{self, Correctable};
 use crate::store::{ParameterSetRow, jobs};
-use crate::wire::compensate::{Base, CompensateAnswer, CompensateBody, Mode, OWN_FRAMES};
+use crate::wire::compensate::{
+    Base, CompensateAnswer, CompensateBody, CorrectedProgram, Mode, OWN_FRAMES,
+};
 use crate::wire::content_type::rotation_convention;
-use crate::wire::corrected_program::CorrectedProgram;
 use crate::wire::issue::Invalid;
 use crate::wire::json;
 use crate::wire::measurement::{Frame, Warning};

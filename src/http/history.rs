@@ -9,12 +9,11 @@ use crate::jobs::estimate::stored_estimate;
 use crate::jobs::request::request_of;
 use crate::operations::{self, IdentifiedSet};
 use crate::release::{self, ScoredJob};
-use crate::store::{ParameterSetRow, estimates, jobs, parameter_sets, policies, verifications};
+use crate::store::{ParameterSetRow, jobs, parameter_sets, policies, verifications};
 use crate::wire::Invalid;
-use crate::wire::history::{CompareAnswer, HistoryAnswer, HistoryItem};
+use crate::wire::history::{CompareAnswer, HistoryAnswer, HistoryItem, Trend};
 use crate::wire::parameter_set::ParameterSetAnswer;
 use crate::wire::report_summary::ReportSummary;
-use crate::wire::trend::Trend;
 use axum::Json;
 use axum::extract::State;
 use serde::Deserialize;
@@ -145,8 +144,8 @@ pub async fn compare(
         JobInputs::load(&app.store, &other.job_id).await?,
     );
     let estimates = (
-        estimates::of_parameter_set(&app.store, &row.id).await?,
-        estimates::of_parameter_set(&app.store, &other.id).await?,
+        parameter_sets::estimate(&app.store, &row.id).await?,
+        parameter_sets::estimate(&app.store, &other.id).await?,
     );
     let compare = move || {
         let own = identified(&row, &inputs.0, estimates.0.as_deref())?;

@@ -2,7 +2,7 @@
 
 use crate::calibration;
 use crate::http::auth::Caller;
-use crate::http::{App, Error, access, several_sessions};
+use crate::http::{App, Error, access};
 use crate::jobs::MeasurementSetInput;
 use crate::release::facts::UNUSABLE_FIT;
 use crate::store::jobs as stored;
@@ -14,7 +14,7 @@ use crate::wire::frames::FramesContent;
 use crate::wire::id;
 use crate::wire::issue::Invalid;
 use crate::wire::job::{JobRequestBody, Kind, Method, VerifyBody};
-use crate::wire::measurement::{Frame, MAX_UPLOAD_BYTES};
+use crate::wire::measurement::{Frame, MAX_POINTS, MAX_UPLOAD_BYTES};
 use crate::wire::network::NetworkKind;
 use crate::wire::parameter_set::ParameterSetStatus;
 use crate::wire::safetensors::NetworkMetadata;
@@ -89,7 +89,7 @@ pub async fn load(
             return Err(held_is_withdrawn(&set.id));
         }
     }
-    several_sessions::check(request, &sets)?;
+    check_sessions(request, &sets)?;
     let sets = with_bytes(app, sets).await?;
     let first = &sets.first().ok_or(store::Error::NotFound)?.row;
     let (networks, residual_networks, scored_frame) = tokio::join!(
@@ -387,4 +387,45 @@ pub fn require_own<T>(
         Ok(_) | Err(crate::store::Error::NotFound) => Err(id::unknown(at, what).into()),
         Err(error) => Err(error.into()),
     }
+}
+
+/// Refuses sets that cannot be fitted together: of different frames, with different serial numbers, or too many points in all.
+///
+/// # Errors
+/// [`Invalid`]: `mixed_frames`, `robot_mismatch`, `too_many_points`.
+fn check_sessions(request: &JobRequestBody, sets: &[MeasurementSetRow]) -> Result<(), Invalid> {
+    let [first, further @ ..] = sets else {
+        return Ok(());
+    };
+    let stated = sets.iter().find_map(|set| set.serial_number.as_ref());
+    for (place, set) in (1..).zip(further) {
+        let at = request.set_pointer(place);
+        if set.frame != first.frame {
+            let detail = format!(
+                "this set is in the frame {} and the first in the frame {}: fit sessions of one frame together, or upload this one in the other frame",
+                set.frame.as_str(),
+                first.frame.as_str()
+            );
+            return Err(Invalid::at(&at, "mixed_frames", detail));
+        }
+        let own = set.serial_number.as_ref().zip(stated);
+        if let Some((own, other)) = own.filter(|(own, other)| own != other) {
+            let detail = format!(
+                "this set was uploaded for the serial number {own:?} and an earlier one for {other:?}: two robots are never fitted together, leave one out"
+            );
+            return Err(Invalid::at(&at, "robot_mismatch", detail));
+        }
+    }
+    let n_points: i64 = sets.iter().map(|set| set.n_points).sum();
+    if sets.len() > 1 && n_points > MAX_POINTS as i64 {
+        let detail = format!(
+            "{n_points} points in all; {MAX_POINTS} are allowed in one job: leave sessions out"
+        );
+        return Err(Invalid::at(
+            "/measurement_set_ids",
+            "too_many_points",
+            detail,
+        ));
+    }
+    Ok(())
 }

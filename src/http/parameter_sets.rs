@@ -10,8 +10,8 @@ use crate::http::{App, Error, access};
 use crate::jobs::estimate::estimate_of;
 use crate::release;
 use crate::store::{
-    ParameterSetRow, ParameterSetStatus, estimates, jobs, measurement_sets, parameter_sets,
-    report_summaries, robots,
+    ParameterSetRow, ParameterSetStatus, jobs, measurement_sets, parameter_sets, report_summaries,
+    robots,
 };
 use crate::wire::canonical;
 use crate::wire::measurement::Warning;
@@ -143,7 +143,7 @@ pub async fn estimate(
     row: &ParameterSetRow,
     robot: &RobotBody,
 ) -> Result<Option<Estimate>, Error> {
-    let Some(text) = estimates::of_parameter_set(&app.store, &row.id).await? else {
+    let Some(text) = parameter_sets::estimate(&app.store, &row.id).await? else {
         return Ok(None);
     };
     let (content, robot) = (content(row)?, robot.clone());

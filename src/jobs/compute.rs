@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use crate::store::known_uploads::KnownUpload;
 use crate::store::{
     FramesRow, Hashed, JobRow, MeasurementSetRow, NamedDocumentRow, NetworkRow, NewNetwork,
-    NewParameterSet, ParameterSetRow, Result, RobotRow, Store, VerificationRow, estimates, frames,
+    NewParameterSet, ParameterSetRow, Result, RobotRow, Store, VerificationRow, frames,
     job_sources, jobs, known_uploads, measurement_sets, named_documents, networks, parameter_sets,
     robot_versions, verifications,
 };
@@ -288,7 +288,7 @@ async fn load_parameter_set(store: &Store, id: &str) -> Result<ParameterSetInput
     Ok(ParameterSetInput {
         sets: MeasurementSetInput::read_of(store, &job).await?,
         verification: verifications::of_job(store, &row.job_id).await?,
-        estimate_json: estimates::of_parameter_set(store, id).await?,
+        estimate_json: parameter_sets::estimate(store, id).await?,
         sources: load_sources(store, &row.job_id).await?,
         row,
         frames,

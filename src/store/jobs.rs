@@ -7,9 +7,7 @@ use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
 use super::sql::{self, values};
-use super::{
-    AuditEvent, Conflict, Error, ListRequest, Page, Result, Store, Tx, job_sessions, job_sources,
-};
+use super::{AuditEvent, Conflict, Error, ListRequest, Page, Result, Store, Tx, job_sources};
 use crate::wire::canonical;
 use crate::wire::job::{Kind, Method};
 use crate::wire::job_answer::{Finding, JobStatus};
@@ -135,6 +133,15 @@ pub struct NewJob {
     pub client: String,
 }
 
+/// SQL for the ids of a job's further sets: in order, separated by commas.
+macro_rules! further_set_ids {
+    () => {
+        "coalesce((select string_agg(s.measurement_set_id, ',' order by s.place) from job_session s where s.job_id = job.id), '')"
+    };
+}
+
+pub(super) use further_set_ids;
+
 macro_rules! columns {
     () => {
         concat!("id, robot_id, measurement_set_id, verify_set_id, frames_id, network_input_id,
@@ -144,7 +151,7 @@ macro_rules! columns {
          (select n.id from network n where n.job_id = job.id) as network_id,
          (select r.id from residual_network r where r.job_id = job.id) as residual_network_id,
          coalesce((select v.version from job_robot_version v where v.job_id = job.id), 1) as robot_version,
-         ", crate::store::job_sessions::further_set_ids!(), " as further_set_ids,
+         ", crate::store::jobs::further_set_ids!(), " as further_set_ids,
          (select a.archived_at_ms from archived a where a.id = job.id) as archived_at_ms,
          (select m.name from measurement_set m where m.id = job.measurement_set_id) as measurement_set_name,
          (select v.before_rms_mm from verification v where v.job_id = job.id) as before_rms_mm,
@@ -159,6 +166,7 @@ pub(super) use columns;
 pub(super) const ALL_QUERIES: &[&str] = &[
     INSERT,
     INSERT_VERSION,
+    INSERT_SESSION,
     GET,
     REPORT,
     CONVERGENCE,
@@ -189,6 +197,9 @@ const INSERT: &str = concat!(
 const GET: &str = concat!("select ", columns!(), " from job where id = $1");
 
 const INSERT_VERSION: &str = "insert into job_robot_version (job_id, version) values ($1, $2)";
+
+const INSERT_SESSION: &str =
+    "insert into job_session (job_id, place, measurement_set_id) values ($1, $2, $3)";
 
 macro_rules! filter {
     ($robots:literal) => {
@@ -324,7 +335,9 @@ pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<Job
     if let Some(held) = held.filter(|_| new.holds_parameter_set) {
         job_sources::insert_held(tx, &id, held).await?;
     }
-    job_sessions::insert(tx, &id, further_set_ids).await?;
+    for (place, set_id) in (1_i64..).zip(further_set_ids) {
+        sql::execute(tx.connection(), INSERT_SESSION, values![id, place, set_id]).await?;
+    }
     row.further_set_ids = further_set_ids.join(",");
     tx.audit(AuditEvent::JobCreated, &id, as_created(&row, &new.client));
     Ok(row)

@@ -13,7 +13,6 @@
 pub mod backup;
 pub mod copy;
 mod database;
-mod engine;
 mod error;
 mod migration;
 mod open;
@@ -49,7 +48,6 @@ pub mod robot_versions;
 pub mod robots;
 
 // Jobs.
-mod job_sessions;
 pub mod job_sources;
 pub mod jobs;
 pub mod leases;
@@ -58,8 +56,6 @@ pub mod report_summaries;
 pub mod statistics;
 
 // Parameter sets and the facts that decide on them.
-pub mod estimates;
-mod newest_set;
 mod parameter_set_row;
 pub mod parameter_sets;
 pub mod verifications;
@@ -69,8 +65,7 @@ pub use api_keys::{ApiKeyRow, NewApiKey};
 pub use archive::{Archivable, ArchivedRow};
 pub use audit_chain::{AuditEntryId, AuditHead, AuditRow, NoAuditEntryId};
 pub use audit_event::AuditEvent;
-pub use database::{Store, Tx};
-pub use engine::Engine;
+pub use database::{Engine, Store, Tx};
 pub use error::{Conflict, Error, Result};
 pub use frames::{FramesRow, NewFrames};
 pub use hashed::Hashed;
@@ -118,11 +113,9 @@ pub fn all_queries(engine: Engine) -> Vec<String> {
         archive::ALL_QUERIES,
         browser_sessions::ALL_QUERIES,
         named_documents::ALL_QUERIES,
-        estimates::ALL_QUERIES,
         frames::ALL_QUERIES,
         idempotency::ALL_QUERIES,
         job_sources::ALL_QUERIES,
-        job_sessions::ALL_QUERIES,
         jobs::ALL_QUERIES,
         known_uploads::ALL_QUERIES,
         leases::ALL_QUERIES,

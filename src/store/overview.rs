@@ -2,8 +2,8 @@
 //! whole page of robots.
 
 use super::from_row::row;
-use super::newest_set::newest_set;
 use super::sql::{self, values};
+use super::verifications::newest_set;
 use super::{JobStatus, ListRequest, Page, Result, Store, robots};
 use crate::wire::job::Kind;
 use crate::wire::parameter_set::ParameterSetStatus;

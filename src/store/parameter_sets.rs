@@ -4,7 +4,6 @@
 use serde_json::json;
 
 use super::audit::{ExpectedEntry, audited};
-use super::estimates;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries};
 pub use super::parameter_set_row::ParameterSetRow;
@@ -101,6 +100,9 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     RELEASE,
     WITHDRAW,
     BY_ID,
+    INSERT_ESTIMATE,
+    ESTIMATE,
+    ESTIMATES,
 ];
 
 const INSERT: &str = concat!(
@@ -174,6 +176,15 @@ const WITHDRAW: &str = "
 
 const BY_ID: &str = rows_after!(columns!(), "parameter_set");
 
+const INSERT_ESTIMATE: &str =
+    "insert into estimate (parameter_set_id, estimate_json) values ($1, $2)";
+
+const ESTIMATE: &str = "select estimate_json from estimate where parameter_set_id = $1";
+
+/// Ids of parameter sets with their estimates, for `verify-store`.
+pub(super) const ESTIMATES: &str = "
+    select parameter_set_id, estimate_json from estimate where parameter_set_id > $1 order by parameter_set_id limit cast($2 as bigint)";
+
 audited!(ParameterSetRow, id, |row| vec![
     ExpectedEntry::at(
         AuditEvent::ParameterSetCreated,
@@ -194,7 +205,8 @@ pub async fn insert(tx: &mut Tx, job_id: &str, new: &NewParameterSet) -> Result<
     let row: ParameterSetRow = sql::one(tx.connection(), INSERT, values).await?;
     let mut detail = as_created(&row);
     if let Some(estimate) = &new.estimate_json {
-        estimates::insert(tx, &row.id, estimate).await?;
+        let values = values![row.id, estimate.content()];
+        sql::execute(tx.connection(), INSERT_ESTIMATE, values).await?;
         detail["estimate_sha256"] = json!(estimate.sha256());
     }
     tx.audit(AuditEvent::ParameterSetCreated, &row.id, detail);
@@ -204,6 +216,11 @@ pub async fn insert(tx: &mut Tx, job_id: &str, new: &NewParameterSet) -> Result<
 /// One parameter set.
 pub async fn get(store: &Store, id: &str) -> Result<ParameterSetRow> {
     sql::one(store.readers(), GET, values![id]).await
+}
+
+/// The estimate of a parameter set (`wire::estimate`), if one was stored.
+pub async fn estimate(store: &Store, id: &str) -> Result<Option<String>> {
+    sql::first_value(store.readers(), ESTIMATE, values![id]).await
 }
 
 /// The robot's released parameter set.

@@ -5,7 +5,6 @@ use serde_json::{Value, json};
 
 use super::audit::{ExpectedEntry, audited};
 use super::from_row::{from_row, row};
-use super::newest_set::newest_set;
 use super::policies::ABSENT;
 use super::sql::{self, values};
 use super::{AuditEvent, Result, Store, Tx};
@@ -112,6 +111,15 @@ row! {
         pub checked_seq: i64,
     }
 }
+
+// SQL: the newest set of robot `r` that waits for a decision, or was decided on: not withdrawn, and neither archived nor of an archived job.
+macro_rules! newest_set {
+    () => {
+        "(select p.id from parameter_set p where p.robot_id = r.id and p.status <> 'withdrawn'
+        and not exists (select 1 from archived x where x.id in (p.id, p.job_id)) order by p.created_at_ms desc, p.id desc limit 1)"
+    };
+}
+pub(super) use newest_set;
 
 // SQL: the age of a measurement set, as a number in the audit chain. The same bytes uploaded again are as old as they were first.
 macro_rules! uploaded_seq {

@@ -2,8 +2,8 @@
 
 use crate::config::LimitsConfig;
 use crate::http::app::shutdown_begun;
+use crate::http::auth::Peer;
 use crate::http::connection::lingering::linger;
-use crate::http::connection::peer::Peer;
 use crate::http::connection::tls::Tls;
 use crate::http::connection::unreadable::{self, WithProblems};
 use crate::http::counters::Metrics;

@@ -8,10 +8,10 @@ use super::rules;
 use crate::store::from_row::row;
 use crate::store::id_prefix::IdPrefix;
 use crate::store::idempotency::{self, Answered, IdempotencyScope};
-use crate::store::job_sessions::further_set_ids;
+use crate::store::jobs::further_set_ids;
 use crate::store::report_summaries::SummaryOfReport;
 use crate::store::sql::{self, values};
-use crate::store::{AuditEvent, Result, Store, estimates, report_summaries};
+use crate::store::{AuditEvent, Result, Store, parameter_sets, report_summaries};
 use crate::wire::canonical::sha256_hex;
 use crate::wire::report_summary::summary_json;
 use serde::Deserialize;
@@ -92,7 +92,7 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
         (REPORTS, AuditEvent::JobSucceeded, "report_sha256"),
         (CONVERGENCES, AuditEvent::JobSucceeded, "convergence_sha256"),
         (
-            estimates::ALL,
+            parameter_sets::ESTIMATES,
             AuditEvent::ParameterSetCreated,
             "estimate_sha256",
         ),
