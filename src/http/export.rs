@@ -1,7 +1,7 @@
 //! Exports parameter sets to other formats, and imports robots from other formats.
 
 use crate::http::auth::Caller;
-use crate::http::extract::{Id, Query, whole_body};
+use crate::http::extract::{Item, Query, whole_body};
 use crate::http::limits::ComputePermit;
 use crate::http::{App, Error, access, parameter_sets};
 use crate::operations::export::{self, Exported, Source};
@@ -77,9 +77,7 @@ pub struct ImportQuery {
     ), headers(("Kincal-Remaining-Error-Mm" = String, description = "What is lost with beta=refit or format=mastering: mean and max"))))
 )]
 pub async fn get(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
+    Item { app, caller, id }: Item,
     Query(query): Query<ExportQuery>,
 ) -> Result<Response, Error> {
     access::parameter_set(&app, &caller, &id).await?;
@@ -98,9 +96,7 @@ pub async fn get(
     responses((status = 200, description = "The same text with other origins", content((String = "application/xml"))))
 )]
 pub async fn patch_urdf(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
+    Item { app, caller, id }: Item,
     Query(query): Query<PatchQuery>,
     request: Request,
 ) -> Result<Response, Error> {

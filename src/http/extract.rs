@@ -1,8 +1,8 @@
 //! Extractors whose errors are problem documents.
 
-use crate::http::Error;
 use crate::http::auth::Caller;
 use crate::http::limits::{BodyBudget, LARGE_BODY_BYTES, Limits, MAX_BODY_BYTES, MIN_BYTES_PER_S};
+use crate::http::{App, Error};
 use crate::wire::{id, json};
 use axum::body::{Body, Bytes};
 use axum::extract::{FromRequestParts, Path, Request};
@@ -64,6 +64,28 @@ impl<S: Send + Sync> FromRequestParts<S> for Caller {
             .get::<Self>()
             .cloned()
             .ok_or_else(|| Error::Internal("a route without authorisation".into()))
+    }
+}
+
+/// A request about one item: the state of the server, who asks, and the id in the path.
+pub struct Item {
+    /// The state of the server.
+    pub app: App,
+    /// Who asks.
+    pub caller: Caller,
+    /// The id of the item, in the path.
+    pub id: String,
+}
+
+impl FromRequestParts<App> for Item {
+    type Rejection = Error;
+
+    async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, Error> {
+        Ok(Self {
+            app: app.clone(),
+            caller: Caller::from_request_parts(parts, app).await?,
+            id: Id::from_request_parts(parts, app).await?.0,
+        })
     }
 }
 

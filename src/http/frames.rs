@@ -1,8 +1,7 @@
 //! Base and tool frame from sweeps.
 
-use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
-use crate::http::extract::Id;
+use crate::http::extract::{Id, Item};
 use crate::http::{App, Error, access};
 use crate::operations::frames_from_sweeps;
 use crate::store::{FramesRow, NewFrames, Tx, frames};
@@ -57,11 +56,7 @@ pub async fn create(
     get, path = "/v1/frames/{id}", tag = "frames", operation_id = "getFrames", params(("id" = String, Path, description = "The frames")),
     responses((status = 200, description = "Base and tool frame", body = FramesAnswer))
 )]
-pub async fn get(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
-) -> Result<Json<FramesAnswer>, Error> {
+pub async fn get(Item { app, caller, id }: Item) -> Result<Json<FramesAnswer>, Error> {
     let row = access::frames(&app, &caller, &id).await?;
     Ok(Json((&row).try_into()?))
 }

@@ -1,7 +1,6 @@
 //! A robot's parameters over time, and the comparison of two parameter sets.
 
-use crate::http::auth::Caller;
-use crate::http::extract::{Id, Query};
+use crate::http::extract::{Item, Query};
 use crate::http::list_query::PlainListQuery;
 use crate::http::{App, Error, access, parameter_sets as answers};
 use crate::jobs::JobInputs;
@@ -15,7 +14,6 @@ use crate::wire::history::{CompareAnswer, HistoryAnswer, HistoryItem, Trend};
 use crate::wire::parameter_set::ParameterSetAnswer;
 use crate::wire::report_summary::ReportSummary;
 use axum::Json;
-use axum::extract::State;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use utoipa::IntoParams;
@@ -36,9 +34,11 @@ pub struct CompareQuery {
     responses((status = 200, description = "One page, newest first", body = HistoryAnswer))
 )]
 pub async fn history(
-    State(app): State<App>,
-    caller: Caller,
-    Id(robot_id): Id,
+    Item {
+        app,
+        caller,
+        id: robot_id,
+    }: Item,
     Query(query): Query<PlainListQuery>,
 ) -> Result<Json<HistoryAnswer>, Error> {
     access::robot(&app, &caller, &robot_id).await?;
@@ -120,9 +120,7 @@ pub(super) async fn session_times(
     responses((status = 200, description = "The differences", body = CompareAnswer))
 )]
 pub async fn compare(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
+    Item { app, caller, id }: Item,
     Query(query): Query<CompareQuery>,
 ) -> Result<Json<CompareAnswer>, Error> {
     let row = access::parameter_set(&app, &caller, &id).await?;

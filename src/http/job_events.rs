@@ -1,11 +1,10 @@
 //! A job's progress as server-sent events.
 
 use crate::http::auth::{self, Caller};
-use crate::http::extract::Id;
+use crate::http::extract::Item;
 use crate::http::{App, Error, access};
 use crate::store::JobRow;
 use crate::wire::job_answer::{JobAnswer, JobEvent, JobEventName};
-use axum::extract::State;
 use axum::response::sse::{Event, KeepAlive, Sse};
 use std::convert::Infallible;
 use std::time::Duration;
@@ -25,9 +24,7 @@ const KEY_CHECK_INTERVAL: Duration = Duration::from_secs(1);
     responses((status = 200, description = "`event: progress` or `event: finished`, `data:` the job in JSON", body = JobEvent, content_type = "text/event-stream"))
 )]
 pub async fn events(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
+    Item { app, caller, id }: Item,
 ) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>> + use<>>, Error> {
     let row = access::job(&app, &caller, &id).await?;
     let permit = app.limits.waiting()?;

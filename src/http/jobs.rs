@@ -1,7 +1,7 @@
 //! Jobs: status, report, cancellation.
 
 use crate::http::auth::Caller;
-use crate::http::extract::{Id, Query};
+use crate::http::extract::{Item, Query};
 use crate::http::list_query::{AllJobsQuery, JobListQuery, list_of_robot};
 use crate::http::{App, Error, access};
 use crate::jobs::queue;
@@ -70,9 +70,7 @@ pub async fn list_all(
     responses((status = 200, description = "The job", body = JobAnswer))
 )]
 pub async fn get(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
+    Item { app, caller, id }: Item,
     Query(query): Query<WaitQuery>,
 ) -> Result<Json<JobAnswer>, Error> {
     let wait_s = query.wait_s.unwrap_or(0);
@@ -103,11 +101,7 @@ async fn wait(app: &App, row: JobRow, timeout: Duration) -> Result<JobRow, store
     post, path = "/v1/jobs/{id}/cancel", tag = "jobs", operation_id = "cancelJob", params(("id" = String, Path, description = "The job")),
     responses((status = 200, description = "The job", body = JobAnswer))
 )]
-pub async fn cancel(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
-) -> Result<Json<JobAnswer>, Error> {
+pub async fn cancel(Item { app, caller, id }: Item) -> Result<Json<JobAnswer>, Error> {
     access::job(&app, &caller, &id).await?;
     let _permit = app.limits.compute(caller.class).await?;
     Ok(Json(JobAnswer::try_from(
@@ -120,7 +114,7 @@ pub async fn cancel(
     get, path = "/v1/jobs/{id}/report", tag = "jobs", operation_id = "getReport", params(("id" = String, Path, description = "The job")),
     responses((status = 200, description = "The report", body = Report))
 )]
-pub async fn report(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Response, Error> {
+pub async fn report(Item { app, caller, id }: Item) -> Result<Response, Error> {
     let _permit = app.limits.compute(caller.class).await?;
     access::job(&app, &caller, &id).await?;
     Ok(stored(jobs::report(&app.store, &id).await?))
@@ -131,11 +125,7 @@ pub async fn report(State(app): State<App>, caller: Caller, Id(id): Id) -> Resul
     get, path = "/v1/jobs/{id}/convergence", tag = "jobs", operation_id = "getConvergence", params(("id" = String, Path, description = "The job")),
     responses((status = 200, description = "The curve", body = Convergence))
 )]
-pub async fn convergence(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
-) -> Result<Response, Error> {
+pub async fn convergence(Item { app, caller, id }: Item) -> Result<Response, Error> {
     let _permit = app.limits.compute(caller.class).await?;
     access::job(&app, &caller, &id).await?;
     Ok(stored(jobs::convergence(&app.store, &id).await?))

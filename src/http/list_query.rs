@@ -181,13 +181,11 @@ macro_rules! list_of_robot {
             responses((status = 200, description = "One page", body = Page<$item>))
         )]
         pub async fn $name(
-            axum::extract::State(app): axum::extract::State<$crate::http::App>,
-            caller: $crate::http::auth::Caller,
-            $crate::http::extract::Id(robot_id): $crate::http::extract::Id,
+            $crate::http::extract::Item { app, caller, id }: $crate::http::extract::Item,
             $crate::http::extract::Query(query): $crate::http::extract::Query<$query>,
         ) -> Result<axum::Json<Page<$item>>, $crate::http::Error> {
-            $crate::http::access::robot(&app, &caller, &robot_id).await?;
-            let found = $list(&app.store, &robot_id, $($kind,)? &query.request()?).await?;
+            $crate::http::access::robot(&app, &caller, &id).await?;
+            let found = $list(&app.store, &id, $($kind,)? &query.request()?).await?;
             Ok(axum::Json(found.into_answer()?))
         }
     };

@@ -2,9 +2,8 @@
 
 use crate::calibration::reference::ScaleAtReach;
 use crate::calibration::{instrument_scale, upload_checks};
-use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
-use crate::http::extract::{Id, Query};
+use crate::http::extract::{Id, Item, Query};
 use crate::http::limits::ComputePermit;
 use crate::http::list_query::{NamedListQuery, list_of_robot};
 use crate::http::table_upload::{refuse_other_types, stated_columns, table_type};
@@ -373,11 +372,7 @@ list_of_robot! {
     params(("id" = String, Path, description = "The set")),
     responses((status = 200, description = "The summary", body = SetSummary))
 )]
-pub async fn get(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
-) -> Result<Json<SetSummary>, Error> {
+pub async fn get(Item { app, caller, id }: Item) -> Result<Json<SetSummary>, Error> {
     let row = access::measurement_set(&app, &caller, &id).await?;
     Ok(Json((&row).try_into()?))
 }
@@ -388,7 +383,7 @@ pub async fn get(
     params(("id" = String, Path, description = "The set")),
     responses((status = 200, description = "What was uploaded, byte for byte", content((String = "text/csv"), (MeasurementSetBody = "application/json"), (FileBytes = "multipart/form-data"))))
 )]
-pub async fn points(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Response, Error> {
+pub async fn points(Item { app, caller, id }: Item) -> Result<Response, Error> {
     let _permit = app.limits.compute(caller.class).await?;
     let row = access::measurement_set(&app, &caller, &id).await?;
     let body = measurement_sets::body(&app.store, &id).await?;

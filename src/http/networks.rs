@@ -1,16 +1,14 @@
 //! Trained networks.
 
-use crate::http::auth::Caller;
-use crate::http::extract::Id;
+use crate::http::extract::Item;
 use crate::http::list_query::{PlainListQuery, list_of_robot};
-use crate::http::{App, Error, access};
+use crate::http::{Error, access};
 use crate::store::{NetworkRow, networks};
 use crate::wire::network::NetworkAnswer;
 use crate::wire::page::Page;
 use crate::wire::safetensors::NetworkMetadata;
 use crate::wire::time::rfc3339;
 use axum::Json;
-use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
 
@@ -24,11 +22,7 @@ list_of_robot! {
     get, path = "/v1/networks/{id}", tag = "networks", operation_id = "getNetwork", params(("id" = String, Path, description = "The network")),
     responses((status = 200, description = "The network", body = NetworkAnswer))
 )]
-pub async fn get(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
-) -> Result<Json<NetworkAnswer>, Error> {
+pub async fn get(Item { app, caller, id }: Item) -> Result<Json<NetworkAnswer>, Error> {
     let row = access::network(&app, &caller, &id).await?;
     Ok(Json((&row).try_into()?))
 }
@@ -38,11 +32,7 @@ pub async fn get(
     get, path = "/v1/networks/{id}/weights", tag = "networks", operation_id = "getNetworkWeights", params(("id" = String, Path, description = "The network")),
     responses((status = 200, description = "safetensors, 64-bit floats", body = Vec<u8>, content_type = "application/octet-stream"))
 )]
-pub async fn weights(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
-) -> Result<Response, Error> {
+pub async fn weights(Item { app, caller, id }: Item) -> Result<Response, Error> {
     let _permit = app.limits.compute(caller.class).await?;
     access::network(&app, &caller, &id).await?;
     let disposition = format!("attachment; filename=\"{id}.safetensors\"");

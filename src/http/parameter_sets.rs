@@ -1,8 +1,7 @@
 //! Parameter sets: the identified parameters for the controller.
 
 use crate::calibration::request::Estimate;
-use crate::http::auth::Caller;
-use crate::http::extract::Id;
+use crate::http::extract::Item;
 use crate::http::headers::is_known;
 use crate::http::limits::ComputePermit;
 use crate::http::list_query::{ParameterSetListQuery, list_of_robot};
@@ -21,7 +20,6 @@ use crate::wire::report_summary::ReportSummary;
 use crate::wire::robot::RobotBody;
 use crate::wire::time::rfc3339;
 use axum::Json;
-use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
@@ -36,11 +34,7 @@ list_of_robot! {
     params(("id" = String, Path, description = "The parameter set")),
     responses((status = 200, description = "The parameter set", body = ParameterSetAnswer))
 )]
-pub async fn get(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
-) -> Result<Json<ParameterSetAnswer>, Error> {
+pub async fn get(Item { app, caller, id }: Item) -> Result<Json<ParameterSetAnswer>, Error> {
     let row = access::parameter_set(&app, &caller, &id).await?;
     Ok(Json((&row).try_into()?))
 }
@@ -55,9 +49,11 @@ pub async fn get(
     )
 )]
 pub async fn active(
-    State(app): State<App>,
-    caller: Caller,
-    Id(robot_id): Id,
+    Item {
+        app,
+        caller,
+        id: robot_id,
+    }: Item,
     headers: HeaderMap,
 ) -> Result<Response, Error> {
     access::robot(&app, &caller, &robot_id).await?;
@@ -82,11 +78,7 @@ pub async fn active(
     params(("id" = String, Path, description = "The parameter set")),
     responses((status = 200, description = "Canonical JSON (RFC 8785)", body = ParameterSetContent))
 )]
-pub async fn get_content(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
-) -> Result<Response, Error> {
+pub async fn get_content(Item { app, caller, id }: Item) -> Result<Response, Error> {
     let row = access::parameter_set(&app, &caller, &id).await?;
     let content = content(&row)?;
     let text = match canonical::text_with_hash(&content, &row.sha256)? {

@@ -1,8 +1,7 @@
 //! Release policies of robots.
 
-use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
-use crate::http::extract::Id;
+use crate::http::extract::{Id, Item};
 use crate::http::{App, Error, access};
 use crate::release::guard_band::rule_in_force;
 use crate::store::{Tx, policies};
@@ -18,9 +17,11 @@ use axum::response::Response;
     responses((status = 200, description = "The policy", body = PolicyBody))
 )]
 pub async fn get(
-    State(app): State<App>,
-    caller: Caller,
-    Id(robot_id): Id,
+    Item {
+        app,
+        caller,
+        id: robot_id,
+    }: Item,
 ) -> Result<Json<PolicyBody>, Error> {
     access::robot(&app, &caller, &robot_id).await?;
     let row = policies::get(&app.store, &robot_id).await?;

@@ -1,8 +1,7 @@
 //! Release, withdrawal and rollback of parameter sets.
 
-use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
-use crate::http::extract::Id;
+use crate::http::extract::{Id, Item};
 use crate::http::{App, Error, access};
 use crate::jobs::release_check::{Purpose, ReleaseCheckError, ReleaseRequest, check};
 use crate::store::{Tx, parameter_sets};
@@ -19,11 +18,7 @@ use axum::response::Response;
     params(("id" = String, Path, description = "The parameter set")),
     responses((status = 200, description = "Every gate, passed or not", body = GatesAnswer))
 )]
-pub async fn gates(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
-) -> Result<Json<GatesAnswer>, Error> {
+pub async fn gates(Item { app, caller, id }: Item) -> Result<Json<GatesAnswer>, Error> {
     let row = access::parameter_set(&app, &caller, &id).await?;
     let permit = app.limits.compute(caller.class).await?;
     let request = ReleaseRequest {

@@ -1,16 +1,16 @@
 //! The library of ready arms, and the posture check.
 
 use crate::http::auth::Caller;
-use crate::http::extract::{Id, Query, json_body, parse_small};
+use crate::http::extract::{Id, Item, Query, json_body, parse_small};
 use crate::http::list_query::checked_limit;
-use crate::http::{App, Error, access};
+use crate::http::{Error, access};
 use crate::operations;
 use crate::operations::robot_models::{self, MAX_SEARCH_CHARS};
 use crate::wire::posture::{PostureAnswer, PostureBody};
 use crate::wire::robot::Robot;
 use crate::wire::robot_model::{RobotModel, RobotModelPage};
 use axum::Json;
-use axum::extract::{Request, State};
+use axum::extract::Request;
 use serde::Deserialize;
 use utoipa::IntoParams;
 
@@ -78,9 +78,11 @@ pub async fn get(_: Caller, Id(id): Id) -> Result<Json<&'static RobotModel>, Err
     responses((status = 200, description = "The pose in the base frame", body = PostureAnswer))
 )]
 pub async fn posture(
-    State(app): State<App>,
-    caller: Caller,
-    Id(robot_id): Id,
+    Item {
+        app,
+        caller,
+        id: robot_id,
+    }: Item,
     request: Request,
 ) -> Result<Json<PostureAnswer>, Error> {
     let row = access::robot(&app, &caller, &robot_id).await?;

@@ -2,7 +2,7 @@
 
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
-use crate::http::extract::{Id, Query};
+use crate::http::extract::{Id, Item, Query};
 use crate::http::list_query::NamedListQuery;
 use crate::http::{App, Error, access};
 use crate::store::{NewRobot, RobotEdit, RobotRow, Tx, robot_versions, robots};
@@ -63,9 +63,11 @@ pub async fn list(
     responses((status = 200, description = "The robot", body = RobotAnswer))
 )]
 pub async fn get(
-    State(app): State<App>,
-    caller: Caller,
-    Id(robot_id): Id,
+    Item {
+        app,
+        caller,
+        id: robot_id,
+    }: Item,
 ) -> Result<Json<RobotAnswer>, Error> {
     let row = access::robot(&app, &caller, &robot_id).await?;
     Ok(Json((&row).try_into()?))
