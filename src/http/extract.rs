@@ -122,10 +122,7 @@ pub async fn whole_body<S: Send + Sync>(request: Request, _: &S) -> Result<Bytes
         .get(header::CONTENT_LENGTH)
         .and_then(|value| value.to_str().ok()?.parse::<usize>().ok());
     if declared.is_some_and(|bytes| bytes > MAX_BODY_BYTES) {
-        return Err(Error::TooLarge {
-            limit: MAX_BODY_BYTES,
-            advice: "split what it holds, a measurement set for instance",
-        });
+        return Err(too_large());
     }
     if let Some(encoding) = headers
         .get(header::CONTENT_ENCODING)
@@ -154,6 +151,13 @@ pub async fn whole_body<S: Send + Sync>(request: Request, _: &S) -> Result<Bytes
         bytes,
         _permits: budget.arrived()?,
     }))
+}
+
+fn too_large() -> Error {
+    Error::TooLarge {
+        limit: MAX_BODY_BYTES,
+        advice: "split what it holds, a measurement set for instance",
+    }
 }
 
 /// Parses a JSON document of at most [`MAX_JSON_BYTES`].
@@ -212,10 +216,7 @@ async fn arrive(
         };
         let length = bytes.len() + data.len();
         if length > MAX_BODY_BYTES {
-            return Err(Error::TooLarge {
-                limit: MAX_BODY_BYTES,
-                advice: "split what it holds, a measurement set for instance",
-            });
+            return Err(too_large());
         }
         budget.grow(length)?;
         bytes.extend_from_slice(&data);

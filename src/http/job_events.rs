@@ -85,13 +85,13 @@ async fn follow(app: App, caller: Caller, mut row: JobRow, events: mpsc::Sender<
 
 /// Waits until status, attempt or progress of the job has changed. Returns `None` if the database fails.
 async fn changed(app: &App, seen: &JobRow) -> Option<JobRow> {
+    let has_changed = |job: &JobRow| job.has_moved_on(seen);
     loop {
-        let row = app
+        let waited = app
             .signals
-            .wait_for_change(&app.store, seen, KEEP_ALIVE)
-            .await
-            .ok()?;
-        if row.has_moved_on(seen) {
+            .wait_for_change(&app.store, &seen.id, KEEP_ALIVE, has_changed);
+        let row = waited.await.ok()?;
+        if has_changed(&row) {
             return Some(row);
         }
     }

@@ -90,8 +90,9 @@ pub async fn get(
 
 /// Returns the job when its status changes, the time is over, or the server stops.
 async fn wait(app: &App, row: JobRow, timeout: Duration) -> Result<JobRow, store::Error> {
+    let has_changed = |job: &JobRow| job.status != row.status;
     tokio::select! {
-        changed = app.signals.wait_for_status_change(&app.store, &row.id, row.status, timeout) => changed,
+        changed = app.signals.wait_for_change(&app.store, &row.id, timeout, has_changed) => changed,
         () = app.stopped() => jobs::get(&app.store, &row.id).await,
     }
 }
