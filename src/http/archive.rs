@@ -2,14 +2,13 @@
 
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
-use crate::http::{App, Error, access};
+use crate::http::{Error, access};
 use crate::store::{Archivable, JobRow, ParameterSetRow, ParameterSetStatus, Tx, archive};
 use crate::wire::job_answer::JobAnswer;
 use crate::wire::measurement::SetSummary;
 use crate::wire::network::NetworkAnswer;
 use crate::wire::parameter_set::ParameterSetAnswer;
 use crate::wire::robot::RobotAnswer;
-use axum::extract::State;
 use axum::response::Response;
 
 /// What a request does to an item.
@@ -64,11 +63,10 @@ macro_rules! handlers {
             responses((status = 200, description = $what, body = $answer))
         )]
         pub async fn $name(
-            State(app): State<App>,
             Id(id): Id,
             submission: Submission,
         ) -> Result<Response, Error> {
-            let mut row = access::$row(&app, &submission.caller, &id).await?;
+            let mut row = access::$row(&submission.app, &submission.caller, &id).await?;
             $(if let Some(detail) = $reason(&row) {
                 return Err(Error::conflict("not_archivable", detail));
             })?
@@ -78,7 +76,7 @@ macro_rules! handlers {
                 row.archived_at_ms = apply(tx, Change::$change, item, by).await?;
                 stored_json(200, None, &$answer::try_from(&row)?)
             };
-            submission.create(&app.store, effect).await
+            submission.create(effect).await
         }
     )+};
 }

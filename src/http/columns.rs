@@ -52,19 +52,19 @@ pub struct PreviewQuery {
     responses((status = 200, description = "How the files are understood", body = PreviewAnswer))
 )]
 pub async fn preview(
-    State(app): State<App>,
     Id(robot_id): Id,
     Query(query): Query<PreviewQuery>,
     submission: Submission,
 ) -> Result<Json<PreviewAnswer>, Error> {
-    let robot = access::robot(&app, &submission.caller, &robot_id).await?;
+    let app = &submission.app;
+    let robot = access::robot(app, &submission.caller, &robot_id).await?;
     refuse_other_types(&submission)?;
     if submission.media_type == "application/json" {
         return Err(
             submission.unsupported("text/csv, a workbook (xlsx, ods) or multipart/form-data")
         );
     }
-    let columns = stated_columns(&app, &robot_id, query.columns.as_deref()).await?;
+    let columns = stated_columns(app, &robot_id, query.columns.as_deref()).await?;
     let n_joints = Robot::try_from(&access::robot_body(&robot)?)?.links.len();
     let look = move || {
         let content_type = table_type(&submission.body, submission.content_type.clone())?;
@@ -122,15 +122,14 @@ pub async fn get(
     responses((status = 200, description = "The mapping, stored", body = ColumnMappingAnswer))
 )]
 pub async fn put(
-    State(app): State<App>,
     Path((robot_id, name)): Path<(String, String)>,
     submission: Submission,
 ) -> Result<Response, Error> {
     check_name(&name)?;
-    access::robot_in_use(&app, &submission.caller, &robot_id).await?;
+    access::robot_in_use(&submission.app, &submission.caller, &robot_id).await?;
     let columns: ColumnsBody = submission.json()?;
     columns.check()?;
-    named_documents::put::<ColumnMappingAnswer>(&app, &robot_id, &name, &submission, columns).await
+    named_documents::put::<ColumnMappingAnswer>(&robot_id, &name, &submission, columns).await
 }
 
 impl DocumentAnswer for ColumnMappingAnswer {

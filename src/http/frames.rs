@@ -2,14 +2,13 @@
 
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::{Id, Item};
-use crate::http::{App, Error, access};
+use crate::http::{Error, access};
 use crate::operations::frames_from_sweeps;
 use crate::store::{FramesRow, NewFrames, Tx, frames};
 use crate::wire::frames::{FramesAnswer, FramesContent};
 use crate::wire::robot::Robot;
 use crate::wire::time::rfc3339;
 use axum::Json;
-use axum::extract::State;
 use axum::response::Response;
 
 /// Finds base and tool frame from sweeps of single joints (section 2.2 of the paper).
@@ -19,12 +18,9 @@ use axum::response::Response;
     request_body(description = "As a measurement set in the instrument's frame, plus the column `sweep_joint`", content((String = "text/csv"))),
     responses((status = 201, description = "Base and tool frame", body = FramesAnswer, headers(("Location" = String, description = "Their path"))))
 )]
-pub async fn create(
-    State(app): State<App>,
-    Id(robot_id): Id,
-    submission: Submission,
-) -> Result<Response, Error> {
-    let robot = access::robot_in_use(&app, &submission.caller, &robot_id).await?;
+pub async fn create(Id(robot_id): Id, submission: Submission) -> Result<Response, Error> {
+    let app = &submission.app;
+    let robot = access::robot_in_use(app, &submission.caller, &robot_id).await?;
     if submission.media_type != "text/csv" {
         return Err(submission.unsupported("text/csv"));
     }
@@ -48,7 +44,7 @@ pub async fn create(
             &FramesAnswer::try_from(&row)?,
         )
     };
-    submission.create(&app.store, effect).await
+    submission.create(effect).await
 }
 
 /// Stored frames.

@@ -32,7 +32,6 @@ use crate::wire::understood::Reading;
 use crate::wire::{Invalid, canonical, json};
 use axum::Json;
 use axum::body::Bytes;
-use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
@@ -146,12 +145,12 @@ impl Parsed {
     responses((status = 201, description = "The stored set, as it was parsed", body = SetSummary, headers(("Location" = String, description = "Its path"))))
 )]
 pub async fn create(
-    State(app): State<App>,
     Id(robot_id): Id,
     Query(query): Query<UploadQuery>,
     submission: Submission,
 ) -> Result<Response, Error> {
-    let robot = access::robot_in_use(&app, &submission.caller, &robot_id).await?;
+    let app = &submission.app;
+    let robot = access::robot_in_use(app, &submission.caller, &robot_id).await?;
     refuse_other_types(&submission)?;
     let (robot, bytes) = (access::robot_body(&robot)?, submission.body.clone());
     let mut content_type = content_type(&submission, query.decimal);
@@ -162,10 +161,10 @@ pub async fn create(
         }
         content_type = with_rotation(&content_type, convention);
     }
-    let columns = stated_columns(&app, &robot_id, query.columns.as_deref()).await?;
+    let columns = stated_columns(app, &robot_id, query.columns.as_deref()).await?;
     let insist = query.insist;
     let reference = match query.reference.as_deref() {
-        Some(name) => Some(references::named(&app, &robot_id, name).await?),
+        Some(name) => Some(references::named(app, &robot_id, name).await?),
         None => None,
     };
     let links = Robot::try_from(&robot)?.links;
@@ -184,7 +183,7 @@ pub async fn create(
     if let Some(misfit) = upload.misfit.take() {
         let unread = upload.reading.as_ref().and_then(Reading::unread_labels);
         let caller = &submission.caller;
-        let kept = upload_check::diagnose(&app, caller, &robot_id, misfit, insist, unread).await?;
+        let kept = upload_check::diagnose(app, caller, &robot_id, misfit, insist, unread).await?;
         upload.keep(kept);
     }
     let sha256 = canonical::sha256_hex(&submission.body);
@@ -219,7 +218,7 @@ pub async fn create(
             &SetSummary::try_from(&row)?,
         )
     };
-    submission.create(&app.store, effect).await
+    submission.create(effect).await
 }
 
 /// Content type that is stored with the bytes, with the decimal mark that the query declared.

@@ -29,7 +29,6 @@ pub async fn get<A: DocumentAnswer>(
 
 /// Stores the checked body of a request as the new version of a document. `answer` makes the response.
 pub async fn store<A: DocumentAnswer>(
-    app: &App,
     robot_id: &str,
     name: &str,
     submission: &Submission,
@@ -47,19 +46,18 @@ pub async fn store<A: DocumentAnswer>(
         let row = named_documents::insert(tx, new).await?;
         answer(&A::try_from(&row)?)
     };
-    submission.create(&app.store, effect).await
+    submission.create(effect).await
 }
 
 /// As [`store`], for a document whose path is known to the client.
 pub async fn put<A: DocumentAnswer>(
-    app: &App,
     robot_id: &str,
     name: &str,
     submission: &Submission,
     body: impl Serialize,
 ) -> Result<Response, Error> {
     let answer = |stored: &A| stored_json(200, None, stored);
-    store(app, robot_id, name, submission, body, answer).await
+    store(robot_id, name, submission, body, answer).await
 }
 
 /// The row of the newest version.

@@ -48,11 +48,11 @@ pub async fn get_work_frame(
     responses((status = 200, description = "The work frame, stored, with the residuals of its points", body = WorkFrameAnswer))
 )]
 pub async fn put_work_frame(
-    State(app): State<App>,
     Path((robot_id, name)): Path<(String, String)>,
     submission: Submission,
 ) -> Result<Response, Error> {
-    let body: WorkFrameBody = checked_body(&app, &robot_id, &name, &submission).await?;
+    let app = &submission.app;
+    let body: WorkFrameBody = checked_body(&robot_id, &name, &submission).await?;
     body.fitting_work_frame("/points")?;
     body.check_std()?;
     if let Some(set_id) = &body.measurement_set_id {
@@ -60,13 +60,13 @@ pub async fn put_work_frame(
         id::check(at, set_id, what)?;
         let set = measurement_sets::get(&app.store, set_id).await;
         let set = require_own(set, |set| set.robot_id == robot_id, at, what)?;
-        let robot = access::robot(&app, &submission.caller, &robot_id).await?;
+        let robot = access::robot(app, &submission.caller, &robot_id).await?;
         let n_joints = access::robot_body(&robot)?.links.len();
         let permit = app.limits.compute(submission.caller.class).await?;
-        let points = points_of(&app, &permit, set, n_joints).await?;
+        let points = points_of(app, &permit, set, n_joints).await?;
         body.check_station(&points)?;
     }
-    named_documents::put::<WorkFrameAnswer>(&app, &robot_id, &name, &submission, body).await
+    named_documents::put::<WorkFrameAnswer>(&robot_id, &name, &submission, body).await
 }
 
 list_of_robot! {
@@ -96,24 +96,22 @@ pub async fn get_tool(
     responses((status = 200, description = "The tool, stored", body = ToolAnswer))
 )]
 pub async fn put_tool(
-    State(app): State<App>,
     Path((robot_id, name)): Path<(String, String)>,
     submission: Submission,
 ) -> Result<Response, Error> {
-    let body: ToolBody = checked_body(&app, &robot_id, &name, &submission).await?;
+    let body: ToolBody = checked_body(&robot_id, &name, &submission).await?;
     body.check()?;
-    named_documents::put::<ToolAnswer>(&app, &robot_id, &name, &submission, body).await
+    named_documents::put::<ToolAnswer>(&robot_id, &name, &submission, body).await
 }
 
 /// The body of a request that stores a work frame or a tool. Checks the name and the robot first.
 async fn checked_body<B: DeserializeOwned>(
-    app: &App,
     robot_id: &str,
     name: &str,
     submission: &Submission,
 ) -> Result<B, Error> {
     check_name(name, MAX_NAME)?;
-    access::robot_in_use(app, &submission.caller, robot_id).await?;
+    access::robot_in_use(&submission.app, &submission.caller, robot_id).await?;
     submission.json()
 }
 

@@ -24,19 +24,15 @@ use axum::response::Response;
     params(("robot_id" = String, Path, description = "The robot")), request_body = ReferenceBody,
     responses((status = 201, description = "The reference, stored", body = ReferenceAnswer, headers(("Location" = String, description = "Its path"))))
 )]
-pub async fn create(
-    State(app): State<App>,
-    Id(robot_id): Id,
-    submission: Submission,
-) -> Result<Response, Error> {
-    access::robot_in_use(&app, &submission.caller, &robot_id).await?;
+pub async fn create(Id(robot_id): Id, submission: Submission) -> Result<Response, Error> {
+    access::robot_in_use(&submission.app, &submission.caller, &robot_id).await?;
     let body: ReferenceBody = submission.json()?;
     body.check()?;
     let answer = |stored: &ReferenceAnswer| {
         let path = format!("/v1/robots/{robot_id}/references/{}", stored.id);
         stored_json(201, Some(path), stored)
     };
-    named_documents::store(&app, &robot_id, body.name(), &submission, &body, answer).await
+    named_documents::store(&robot_id, body.name(), &submission, &body, answer).await
 }
 
 list_of_robot! {

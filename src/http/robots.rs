@@ -20,7 +20,7 @@ use axum::response::Response;
     post, path = "/v1/robots", tag = "robots", operation_id = "createRobot", request_body = RobotBody,
     responses((status = 201, description = "The robot, stored", body = RobotAnswer, headers(("Location" = String, description = "Its path"))))
 )]
-pub async fn create(State(app): State<App>, submission: Submission) -> Result<Response, Error> {
+pub async fn create(submission: Submission) -> Result<Response, Error> {
     if submission.caller.robots.is_some() {
         return Err(Error::Forbidden(
             "this key is limited to certain robots, so it cannot make new ones",
@@ -40,7 +40,7 @@ pub async fn create(State(app): State<App>, submission: Submission) -> Result<Re
             &RobotAnswer::try_from(&row)?,
         )
     };
-    submission.create(&app.store, effect).await
+    submission.create(effect).await
 }
 
 /// The robots that the key may see.
@@ -81,12 +81,8 @@ pub async fn get(
     params(("robot_id" = String, Path, description = "The robot")), request_body = RobotPatchBody,
     responses((status = 200, description = "The robot, edited", body = RobotAnswer))
 )]
-pub async fn edit(
-    State(app): State<App>,
-    Id(robot_id): Id,
-    submission: Submission,
-) -> Result<Response, Error> {
-    let row = access::robot_in_use(&app, &submission.caller, &robot_id).await?;
+pub async fn edit(Id(robot_id): Id, submission: Submission) -> Result<Response, Error> {
+    let row = access::robot_in_use(&submission.app, &submission.caller, &robot_id).await?;
     let patch: RobotPatchBody = submission.json().map_err(links_stay)?;
     let EditedRobot {
         body,
@@ -108,7 +104,7 @@ pub async fn edit(
         };
         stored_json(200, None, &RobotAnswer::try_from(&edited)?)
     };
-    submission.create(&app.store, effect).await
+    submission.create(effect).await
 }
 
 /// Adds the remedy to the error of a request that tries to edit the links.
@@ -135,20 +131,16 @@ fn links_stay(error: Error) -> Error {
     params(("robot_id" = String, Path, description = "The robot")), request_body = ReasonBody,
     responses((status = 200, description = "The robot", body = RobotAnswer))
 )]
-pub async fn checked(
-    State(app): State<App>,
-    Id(robot_id): Id,
-    submission: Submission,
-) -> Result<Response, Error> {
+pub async fn checked(Id(robot_id): Id, submission: Submission) -> Result<Response, Error> {
     // of an archived robot too: its active set can be rolled back
-    access::robot(&app, &submission.caller, &robot_id).await?;
+    access::robot(&submission.app, &submission.caller, &robot_id).await?;
     let reason = submission.reason()?;
     let by = &submission.caller.holder;
     let effect = async |tx: &mut Tx| {
         let row = robots::checked(tx, &robot_id, &reason, by).await?;
         stored_json(200, None, &RobotAnswer::try_from(&row)?)
     };
-    submission.create(&app.store, effect).await
+    submission.create(effect).await
 }
 
 impl TryFrom<&RobotRow> for RobotAnswer {
