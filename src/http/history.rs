@@ -34,15 +34,11 @@ pub struct CompareQuery {
     responses((status = 200, description = "One page, newest first", body = HistoryAnswer))
 )]
 pub async fn history(
-    Item {
-        app,
-        caller,
-        id: robot_id,
-    }: Item,
+    Item { app, caller, id }: Item,
     Query(query): Query<PlainListQuery>,
 ) -> Result<Json<HistoryAnswer>, Error> {
-    access::robot(&app, &caller, &robot_id).await?;
-    let page = parameter_sets::search(&app.store, &robot_id, &query.request()?).await?;
+    access::robot(&app, &caller, &id).await?;
+    let page = parameter_sets::search(&app.store, &id, &query.request()?).await?;
     let permit = app.limits.compute(caller.class).await?;
     let mut items = Vec::with_capacity(page.items.len());
     for row in page.items {
@@ -63,7 +59,7 @@ pub async fn history(
             job_archived_at: answer.job_archived_at,
         });
     }
-    let trend = trend(&app, &robot_id).await?;
+    let trend = trend(&app, &id).await?;
     Ok(Json(HistoryAnswer {
         items,
         next_cursor: page.next_cursor.map(|cursor| cursor.to_string()),

@@ -48,16 +48,9 @@ pub async fn get(Item { app, caller, id }: Item) -> Result<Json<ParameterSetAnsw
         (status = 304, description = "Still the set of that ETag")
     )
 )]
-pub async fn active(
-    Item {
-        app,
-        caller,
-        id: robot_id,
-    }: Item,
-    headers: HeaderMap,
-) -> Result<Response, Error> {
-    access::robot(&app, &caller, &robot_id).await?;
-    let row = parameter_sets::active(&app.store, &robot_id)
+pub async fn active(Item { app, caller, id }: Item, headers: HeaderMap) -> Result<Response, Error> {
+    access::robot(&app, &caller, &id).await?;
+    let row = parameter_sets::active(&app.store, &id)
         .await?
         .ok_or(Error::NoActiveParameterSet)?;
     let body = serde_json::to_vec(&ParameterSetAnswer::try_from(&row)?)?;

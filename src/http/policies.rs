@@ -15,15 +15,9 @@ use axum::response::Response;
     params(("robot_id" = String, Path, description = "The robot")),
     responses((status = 200, description = "The policy", body = PolicyBody))
 )]
-pub async fn get(
-    Item {
-        app,
-        caller,
-        id: robot_id,
-    }: Item,
-) -> Result<Json<PolicyBody>, Error> {
-    access::robot(&app, &caller, &robot_id).await?;
-    let row = policies::get(&app.store, &robot_id).await?;
+pub async fn get(Item { app, caller, id }: Item) -> Result<Json<PolicyBody>, Error> {
+    access::robot(&app, &caller, &id).await?;
+    let row = policies::get(&app.store, &id).await?;
     let rule = rule_in_force(row.decision_rule, row.version > 0);
     Ok(Json(row.body(rule)))
 }

@@ -18,14 +18,10 @@ use axum::extract::Request;
     responses((status = 200, description = "The plan", body = PosePlanAnswer))
 )]
 pub async fn create(
-    Item {
-        app,
-        caller,
-        id: robot_id,
-    }: Item,
+    Item { app, caller, id }: Item,
     request: Request,
 ) -> Result<Json<PosePlanAnswer>, Error> {
-    let row = access::robot(&app, &caller, &robot_id).await?;
+    let row = access::robot(&app, &caller, &id).await?;
     let bytes = json_body(request, &app).await?;
     let body: PosePlanBody = parse_small(&bytes)?;
     body.check()?;

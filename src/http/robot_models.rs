@@ -78,14 +78,10 @@ pub async fn get(_: Caller, Id(id): Id) -> Result<Json<&'static RobotModel>, Err
     responses((status = 200, description = "The pose in the base frame", body = PostureAnswer))
 )]
 pub async fn posture(
-    Item {
-        app,
-        caller,
-        id: robot_id,
-    }: Item,
+    Item { app, caller, id }: Item,
     request: Request,
 ) -> Result<Json<PostureAnswer>, Error> {
-    let row = access::robot(&app, &caller, &robot_id).await?;
+    let row = access::robot(&app, &caller, &id).await?;
     let bytes = json_body(request, &app).await?;
     let robot = access::robot_body(&row)?;
     let answer = app.compute(caller.class, move || {

@@ -62,14 +62,8 @@ pub async fn list(
     get, path = "/v1/robots/{robot_id}", tag = "robots", operation_id = "getRobot", params(("robot_id" = String, Path, description = "The robot")),
     responses((status = 200, description = "The robot", body = RobotAnswer))
 )]
-pub async fn get(
-    Item {
-        app,
-        caller,
-        id: robot_id,
-    }: Item,
-) -> Result<Json<RobotAnswer>, Error> {
-    let row = access::robot(&app, &caller, &robot_id).await?;
+pub async fn get(Item { app, caller, id }: Item) -> Result<Json<RobotAnswer>, Error> {
+    let row = access::robot(&app, &caller, &id).await?;
     Ok(Json((&row).try_into()?))
 }
 
