@@ -11,16 +11,7 @@ use sqlx::{Any, AnyConnection, AnyPool, Transaction};
 use super::audit_chain::{self, AuditNote};
 use super::sql::{self, values};
 use super::write_progress::{Write, WriteProgress};
-use super::{AuditEvent, Error, Result};
-
-/// Which database is behind a [`Store`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Engine {
-    /// The embedded database: one server process per data directory.
-    Sqlite,
-    /// A database server, which several servers and workers may share.
-    Postgres,
-}
+use super::{AuditEvent, Engine, Error, Result};
 
 /// A handle on the database; clones share its connections.
 #[derive(Clone, Debug)]

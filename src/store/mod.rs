@@ -13,6 +13,7 @@
 pub mod backup;
 pub mod copy;
 mod database;
+mod engine;
 mod error;
 mod migration;
 mod open;
@@ -65,7 +66,8 @@ pub use api_keys::{ApiKeyRow, NewApiKey};
 pub use archive::{Archivable, ArchivedRow};
 pub use audit_chain::{AuditEntryId, AuditHead, AuditRow, NoAuditEntryId};
 pub use audit_event::AuditEvent;
-pub use database::{Engine, Store, Tx};
+pub use database::{Store, Tx};
+pub use engine::Engine;
 pub use error::{Conflict, Error, Result};
 pub use frames::{FramesRow, NewFrames};
 pub use hashed::Hashed;

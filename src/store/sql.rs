@@ -1,9 +1,9 @@
 //! Runs statements with the values of their parameters, outside a transaction or in it.
 
 use sqlx::any::{AnyArguments, AnyRow};
-use sqlx::{Any, Decode, Executor, FromRow, Type};
+use sqlx::{Any, AnyPool, Decode, Executor, FromRow, Type};
 
-use super::{Result, Store};
+use super::Result;
 
 /// The values of a statement's parameters, in their order.
 macro_rules! values {
@@ -94,7 +94,7 @@ pub(super) async fn execute(
 
 /// Calls `examine` for each row that a query finds, as [`rows_after`] makes one. Reads `batch` rows at a time.
 pub(super) async fn each<T: Row>(
-    store: &Store,
+    readers: &AnyPool,
     sql: &'static str,
     batch: i64,
     id: fn(&T) -> &str,
@@ -102,7 +102,7 @@ pub(super) async fn each<T: Row>(
 ) -> Result<()> {
     let mut after = String::new();
     loop {
-        let rows: Vec<T> = all(store.readers(), sql, values![after, batch]).await?;
+        let rows: Vec<T> = all(readers, sql, values![after, batch]).await?;
         let Some(last) = rows.last() else {
             return Ok(());
         };

@@ -86,7 +86,14 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
             });
             compare_with_entry(&mut check, chain, &id, field, &now);
         };
-        sql::each(store, query, DOCUMENT_BATCH, |row| &row.0, examine).await?;
+        sql::each(
+            store.readers(),
+            query,
+            DOCUMENT_BATCH,
+            |row| &row.0,
+            examine,
+        )
+        .await?;
     }
     let documents = [
         (REPORTS, AuditEvent::JobSucceeded, "report_sha256"),
@@ -104,7 +111,14 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
             let now = sha256_hex(document.as_bytes());
             compare_with_entry(&mut check, chain, &id, field, &now);
         };
-        sql::each(store, query, DOCUMENT_BATCH, |row| &row.0, examine).await?;
+        sql::each(
+            store.readers(),
+            query,
+            DOCUMENT_BATCH,
+            |row| &row.0,
+            examine,
+        )
+        .await?;
     }
     check.n_examined = found;
     compare_summaries(&mut check, store).await?;
@@ -128,7 +142,14 @@ async fn compare_summaries(check: &mut Check, store: &Store) -> Result<()> {
         });
     };
     let query = report_summaries::BY_ID;
-    sql::each(store, query, DOCUMENT_BATCH, |row| &row.job_id, examine).await
+    sql::each(
+        store.readers(),
+        query,
+        DOCUMENT_BATCH,
+        |row| &row.job_id,
+        examine,
+    )
+    .await
 }
 
 /// A field of the newest entry of an event.
@@ -242,7 +263,7 @@ pub(super) async fn jobs_end_once(
             format!("{id} is {status} and has a parameter set")
         });
     };
-    sql::each(store, ENDS, BATCH, |row| &row.0, examine).await?;
+    sql::each(store.readers(), ENDS, BATCH, |row| &row.0, examine).await?;
     if options.is_served {
         let values = values![STUCK_AFTER_MS];
         let stuck: Vec<String> = sql::all_values(store.readers(), STUCK, values).await?;
@@ -343,7 +364,14 @@ pub(super) async fn same_request_same_result(store: &Store, chain: &Chain) -> Re
             format!("{id} and {first} have equal inputs and different results")
         });
     };
-    sql::each(store, JOBS, DOCUMENT_BATCH, |row| &row.id, examine).await?;
+    sql::each(
+        store.readers(),
+        JOBS,
+        DOCUMENT_BATCH,
+        |row| &row.id,
+        examine,
+    )
+    .await?;
     Ok(check)
 }
 

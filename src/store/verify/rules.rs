@@ -145,7 +145,7 @@ async fn each<T: Audited>(
             .for_each(|entry| compare(check, chain, row.subject(), entry));
         further(check, &row);
     };
-    sql::each(store, T::BY_ID, BATCH, T::subject, examine).await
+    sql::each(store.readers(), T::BY_ID, BATCH, T::subject, examine).await
 }
 
 /// Compares a row's fields with an audit entry. Fields that the entry does not have are skipped, because older entries lack some fields.
