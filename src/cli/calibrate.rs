@@ -168,7 +168,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             robot: robot_body,
             content: calibrated.parameters(),
             remaining_error_mm: None,
-            provenance: provenance(summary, Some(arguments.set_options.frame.into())),
+            provenance: provenance(summary, Some(arguments.set_options.frame)),
         };
         let text = serde_json::to_string_pretty(&document)?;
         std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
