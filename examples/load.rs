@@ -396,7 +396,7 @@ async fn claims(data_dir: &std::path::Path) -> anyhow::Result<()> {
     tx.commit().await?;
     let new = NewJob {
         robot_id: robot.id,
-        measurement_set_id: set.id,
+        set_ids: vec![set.id],
         kind: kincal::wire::job::Kind::Identify,
         method: kincal::wire::job::Method::Auto,
         request_json: "{}".into(),

@@ -87,12 +87,12 @@ FAULTS = [
     Fault("a work frame of any station", "service", "a_work_frame_is_measured_from_the_station", [
         ("if stated == Some(*of_parameters) || stated.is_none() && all.len() == 1 {", "if stated == Some(*of_parameters) || true {")], "src/wire"),
     Fault("withdrawn sets are exported", "service", "a_withdrawn_set_does_not_return_with_other_options", [
-        ("if row.status == ParameterSetStatus::Withdrawn {\n        let reason = row.withdraw_reason.as_deref().unwrap_or_default();\n        return Err(Error::Conflict {", "if row.status == ParameterSetStatus::Withdrawn && false {\n        let reason = row.withdraw_reason.as_deref().unwrap_or_default();\n        return Err(Error::Conflict {")], "src/http"),
+        ("if row.status == ParameterSetStatus::Withdrawn {\n        let reason = row.withdraw_reason.as_deref().unwrap_or_default();\n        let detail = format!(\n            \"the parameter set was withdrawn ({reason}), and", "if row.status == ParameterSetStatus::Withdrawn && false {\n        let reason = row.withdraw_reason.as_deref().unwrap_or_default();\n        let detail = format!(\n            \"the parameter set was withdrawn ({reason}), and")], "src/http"),
     Fault("a plan runs into the fixture", "core", "the_arm_keeps_out_of_boxes", [
         ("!self.keep_out_mm.iter().any(|b| meets(&from, p, b))", "!self.keep_out_mm.iter().any(|b| meets(p, p, b))")], "src/planning"),
     # What a partial recalibration holds
     Fault("the upload of a held set is another session", "service", "the_upload_of_a_held_set_is_no_other_session", [
-        ("points_of(input.uploads().chain(&input.sources), request)?", "points_of(input.uploads(), request)?")], "src/jobs"),
+        ("points_of(input.sets.iter().chain(&input.sources), request)?", "points_of(&input.sets, request)?")], "src/jobs"),
     Fault("who uploaded what is held is a second person", "service", "who_uploaded_what_a_set_holds_is_no_second_person", [
         ("if upload.is_held {", "if upload.is_held && false {")], "src/jobs"),
     Fault("what is held was not insisted on", "service", "the_schema_itself_looks_at_the_uploads_that_a_set_rests_on", [
@@ -161,7 +161,7 @@ FAULTS = [
     Fault("all sessions are as noisy", "core", "a_coarse_session_does_not_spoil_a_fine_one", [
         ("session_noise_mm: pool.noise_mm.clone(),", "session_noise_mm: vec![],")], "src/calibration"),
     Fault("a session that was fitted is an independent one", "service", "no_session_that_was_fitted_counts_as_an_independent_one", [
-        ("points_of(input.uploads().chain(&input.sources), request)?", "points_of(input.uploads().take(1).chain(&input.sources), request)?")], "src/jobs"),
+        ("points_of(input.sets.iter().chain(&input.sources), request)?", "points_of(input.sets.iter().take(1).chain(&input.sources), request)?")], "src/jobs"),
     Fault("a further session is no later session", "service", "an_earlier_set_has_to_be_scored_on_each_session", [
         ("from own join verification v on v.robot_id = own.robot_id join job_upload u on u.job_id = v.job_id",
          "from own join verification v on v.robot_id = own.robot_id join (select id as job_id, measurement_set_id from job) u on u.job_id = v.job_id")],
@@ -390,7 +390,7 @@ FAULTS = [
     Fault("other robots' things are seen", "service", "every_role_on_every_route", [
         ("if caller.may_see(robot_id) { Ok", "if true || caller.may_see(robot_id) { Ok")]),
     Fault("what is refused unread is not heard", "load", "still_sending", [
-        ("Poll::Pending => return idle.as_mut().poll(context).map(Ok)", "Poll::Pending => return Poll::Ready(Ok(()))")]),
+        ("const TOTAL_TIMEOUT: Duration = Duration::from_secs(10)", "const TOTAL_TIMEOUT: Duration = Duration::ZERO")]),
     Fault("no last call of who is connected", "faults", "open_connections_are_answered", [
         ("const SHUTDOWN_GRACE: Duration = Duration::from_millis(100)", "const SHUTDOWN_GRACE: Duration = Duration::from_millis(0)")]),
     Fault("no last call before the end", "faults", "who_is_connected", [

@@ -11,8 +11,8 @@ use std::time::{Duration, Instant};
 use kincal::jobs::queue::{self, AttemptEnd};
 use kincal::store::leases::{self, Eligible};
 use kincal::store::{
-    Lease, ListRequest, NewJob, NewMeasurementSet, NewRobot, PageRequest, Store, StoreLocation,
-    jobs, measurement_sets, robots,
+    Lease, ListRequest, NewJob, NewMeasurementSet, NewRobot, Store, StoreLocation, jobs,
+    measurement_sets, robots,
 };
 use kincal::wire::canonical::sha256_hex;
 use kincal::wire::job::{JobRequestBody, Method};
@@ -60,12 +60,11 @@ pub async fn study(arguments: &[String]) {
     let set = measurement_sets::search(&store, robot, &page())
         .await
         .expect("a list")
-        .page
         .items
         .remove(0);
     let new = NewJob {
         robot_id: robot.clone(),
-        measurement_set_id: set.id.clone(),
+        set_ids: vec![set.id.clone()],
         kind: kincal::wire::job::Kind::Identify,
         method: Method::LeastSquares,
         request_json: serde_json::to_string(&JobRequestBody::for_set(&set.id)).expect("JSON"),
@@ -142,10 +141,10 @@ pub async fn study(arguments: &[String]) {
 }
 
 fn page() -> ListRequest {
-    ListRequest::all(&PageRequest {
+    ListRequest {
         limit: 50,
-        cursor: None,
-    })
+        ..ListRequest::all()
+    }
 }
 
 async fn claim(store: &Store) -> Lease {
@@ -253,7 +252,7 @@ async fn workers(store: &Store, url: &str) {
         for _ in 0..N_COMPUTED {
             let new = NewJob {
                 robot_id: robot.id.clone(),
-                measurement_set_id: set.id.clone(),
+                set_ids: vec![set.id.clone()],
                 kind: kincal::wire::job::Kind::Identify,
                 method: Method::LeastSquares,
                 request_json: serde_json::to_string(&JobRequestBody::for_set(&set.id))
@@ -309,7 +308,7 @@ async fn another_client(store: &Store, url: &str) {
     for n in 0..20 {
         let new = NewJob {
             robot_id: of.0.clone(),
-            measurement_set_id: of.1.clone(),
+            set_ids: vec![of.1.clone()],
             kind: kincal::wire::job::Kind::Identify,
             method: Method::LeastSquares,
             request_json: of.2.clone(),

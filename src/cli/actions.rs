@@ -1,8 +1,10 @@
-//! `kincal release|withdraw|rollback|checked|cancel`: decisions of people about a parameter set, a robot or a job.
+//! `kincal gates|release|withdraw|rollback|checked|cancel`: decisions of people about a parameter set, a robot or a job.
 
+use super::remedy::in_commands;
 use super::subject::{OfJob, OfParameterSet, OfRobot};
+use super::terminal::{self, Output, plain};
 use reqwest::Method;
-use serde_json::json;
+use serde_json::{Value, json};
 
 /// The parameter set, and the reason for the decision.
 #[derive(Debug, clap::Args)]
@@ -32,13 +34,6 @@ pub struct RobotDecisionArguments {
     /// Reason; it is kept with the decision.
     #[arg(long, value_name = "TEXT")]
     reason: String,
-}
-
-/// Cancel a job.
-#[derive(Debug, clap::Args)]
-pub struct CancelArguments {
-    #[command(flatten)]
-    job: OfJob,
 }
 
 /// `kincal release`.
@@ -102,11 +97,49 @@ pub fn roll_back(arguments: &RobotDecisionArguments) -> anyhow::Result<()> {
 }
 
 /// `kincal cancel`.
-pub fn cancel(arguments: &CancelArguments) -> anyhow::Result<()> {
-    let of = &arguments.job;
+pub fn cancel(of: &OfJob) -> anyhow::Result<()> {
     let job = of.post("/cancel", &json!({}))?;
     of.output.print(&job, || match job["status"].as_str() {
         Some("running") => format!("{} is asked to stop", of.id),
         status => format!("{} is {}", of.id, status.unwrap_or("over")),
     })
+}
+
+/// `kincal gates`.
+pub fn gates(of: &OfParameterSet) -> anyhow::Result<()> {
+    show_gates(&of.get("/gates")?, &of.id, &of.output)
+}
+
+/// Prints the gates of a parameter set; an error if one would refuse its release.
+pub fn show_gates(found: &Value, id: &str, output: &Output) -> anyhow::Result<()> {
+    match output.json {
+        true => terminal::json(found)?,
+        false => terminal::raw(gate_lines(found)),
+    }
+    if found["releasable"] != true {
+        anyhow::bail!("a release of {id} would be refused");
+    }
+    Ok(())
+}
+
+fn gate_lines(found: &Value) -> String {
+    let line = |gate: &Value| {
+        let word = match (&gate["passed"], &gate["warning"]) {
+            (Value::Bool(false), _) => "REFUSED",
+            (_, Value::Bool(true)) => "warning",
+            _ => "passed",
+        };
+        let text = |field: &str| gate[field].as_str().unwrap_or_default().to_owned();
+        let (name, mut detail) = (text("gate"), text("detail"));
+        if word == "REFUSED" {
+            detail = in_commands(&name, &detail);
+        }
+        format!("{word:<8} {:<30} {}\n", plain(&name), plain(&detail))
+    };
+    found["gates"]
+        .as_array()
+        .into_iter()
+        .flatten()
+        .map(line)
+        .collect()
 }

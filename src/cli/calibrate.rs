@@ -23,12 +23,11 @@ use crate::operations::rotation_convention::with_best_convention;
 use crate::release::{accept_misfit, accept_rotations, headline, provenance, refused_as};
 use crate::report_page::words;
 use crate::report_page::{self, MeasuredSet, Sources};
-use crate::wire::check::CheckReport;
 use crate::wire::export::ExportDocument;
 use crate::wire::job::{JobParts, JobRequestBody, Method};
 use crate::wire::job_answer::{ProgressAnswer, Stage};
 use crate::wire::measurement::{self, MeasurementSet};
-use crate::wire::report_shape::Report;
+use crate::wire::report_shape::{CheckReport, Report};
 use crate::wire::robot::RobotBody;
 use crate::wire::session_record::SessionRecord;
 use crate::wire::suspicion::Insist;
@@ -107,8 +106,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let record = SessionRecord::of_set(record, &first.set);
     let parts = JobParts {
         robot,
-        set: first.set.clone(),
-        further_sets: further.iter().map(|session| session.set.clone()).collect(),
+        sets: all().map(|session| session.set.clone()).collect(),
         verify_set: None,
         frames: None,
         network: None,
@@ -161,7 +159,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         std::fs::write(path, report_page::html(&sources))
             .with_context(|| format!("cannot write {}", path.display()))?;
     }
-    print(arguments, &report)?;
+    arguments.output.print(&report, || table::report(&report))?;
     refuse_unusable(&report, None)?;
     if let Some(path) = &arguments.parameters_file {
         let summary = serde_json::from_value(serde_json::to_value(&report)?)?;
@@ -170,7 +168,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             robot: robot_body,
             content: calibrated.parameters(),
             remaining_error_mm: None,
-            provenance: provenance(summary, Some(arguments.set_options.frame.into())),
+            provenance: provenance(summary, Some(arguments.set_options.frame)),
         };
         let text = serde_json::to_string_pretty(&document)?;
         std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
@@ -308,15 +306,6 @@ fn decides(check: &CheckReport, headline: Option<&str>) -> bool {
         Some(DOES_NOT_FIT) => check.verdict == CheckVerdict::Changed && is_explained,
         Some(_) => false,
     }
-}
-
-fn print(arguments: &Arguments, report: &Report) -> anyhow::Result<()> {
-    if arguments.output.json {
-        say!("{}", serde_json::to_string_pretty(report)?);
-    } else {
-        say!("{}", table::report(report));
-    }
-    Ok(())
 }
 
 fn body(arguments: &Arguments) -> JobRequestBody {

@@ -99,49 +99,17 @@ impl ColumnOptions {
                 _ => object(&mut all, file).insert(means.into(), column.clone()),
             };
         }
-        let settings = [
-            (
-                "joint_unit",
-                self.joint_unit.as_ref().map(|unit| json!(unit)),
-            ),
-            (
-                "position_unit",
-                self.position_unit.as_ref().map(|unit| json!(unit)),
-            ),
-            ("header_row", self.header_row.clone()),
-            (
-                "separator",
-                self.separator.as_ref().map(|separator| json!(separator)),
-            ),
-            (
-                "decimal",
-                self.decimal.as_ref().map(|decimal| json!(decimal)),
-            ),
-            ("sheet", self.sheet.as_ref().map(|sheet| json!(sheet))),
-            ("comments", self.comments.map(|comments| json!(comments))),
-            (
-                "ignore",
-                (!self.ignore.is_empty()).then(|| json!(self.ignore)),
-            ),
-        ];
-        for (name, value) in settings {
-            all.extend(value.map(|value| (name.to_owned(), value)));
-        }
-        let join = [
-            ("by", self.join.as_ref().map(|by| json!(by))),
-            (
-                "clock_offset_s",
-                self.clock_offset_s.map(|offset_s| json!(offset_s)),
-            ),
-            (
-                "tolerance_s",
-                self.join_tolerance_s.map(|tolerance_s| json!(tolerance_s)),
-            ),
-        ];
-        for (name, value) in join {
-            if let Some(value) = value {
-                object(&mut all, "join").insert(name.into(), value);
-            }
+        let ignore = Some(&self.ignore).filter(|ignore| !ignore.is_empty());
+        all.extend(given(json!({
+            "joint_unit": self.joint_unit, "position_unit": self.position_unit, "header_row": self.header_row, "separator": self.separator,
+            "decimal": self.decimal, "sheet": self.sheet, "comments": self.comments, "ignore": ignore,
+        })));
+        let mut join = given(json!({
+            "by": self.join, "clock_offset_s": self.clock_offset_s, "tolerance_s": self.join_tolerance_s,
+        }))
+        .peekable();
+        if join.peek().is_some() {
+            object(&mut all, "join").extend(join);
         }
         let body = ColumnsBody(all);
         body.check().map_err(|invalid| {
@@ -154,6 +122,15 @@ impl ColumnOptions {
         })?;
         Ok(body)
     }
+}
+
+/// The fields of an object that are not null.
+fn given(options: Value) -> impl Iterator<Item = (String, Value)> {
+    let fields = match options {
+        Value::Object(fields) => fields,
+        _ => Map::new(),
+    };
+    fields.into_iter().filter(|(_, value)| !value.is_null())
 }
 
 fn object<'m>(all: &'m mut Map<String, Value>, name: &str) -> &'m mut Map<String, Value> {

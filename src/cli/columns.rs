@@ -2,11 +2,10 @@
 
 use super::column_options::ColumnOptions;
 use super::files;
-use super::list::columns;
 use super::measured::{TableOptions, read_measured, unread_in_words};
 use super::runtime::block_on;
 use super::subject::{OfRobot, named, with_query};
-use super::terminal::{Output, plain, raw};
+use super::terminal::{Output, columns, items, plain};
 use super::usage::Usage;
 use crate::wire::issue::Issue;
 use serde_json::{Value, json};
@@ -86,28 +85,18 @@ fn print(output: &Output, found: &Value) -> anyhow::Result<()> {
 
 fn list(of: &OfRobot) -> anyhow::Result<()> {
     let answer = of.get(&format!("/columns?limit={MAX_ROWS}"))?;
-    if of.output.json {
-        say!("{}", serde_json::to_string_pretty(&answer)?);
-        return Ok(());
-    }
-    let items = answer["items"].as_array().into_iter().flatten();
-    let rows: Vec<Vec<String>> = items
-        .map(|item| {
-            vec![
-                plain(item["name"].as_str().unwrap_or_default()),
-                plain(item["created_at"].as_str().unwrap_or_default()),
-                plain(&item["columns"].to_string()),
-            ]
-        })
-        .collect();
-    if rows.is_empty() {
-        say!(
-            "no mapping is kept with this robot; next: kincal columns keep ROBOT NAME --joint-unit deg …"
-        );
-        return Ok(());
-    }
-    raw(columns(&["name", "created_at", "columns"], &rows));
-    Ok(())
+    let row = |item: &Value| {
+        let text = |field: &str| plain(item[field].as_str().unwrap_or_default());
+        vec![
+            text("name"),
+            text("created_at"),
+            plain(&item["columns"].to_string()),
+        ]
+    };
+    let rows: Vec<Vec<String>> = items(&answer).map(row).collect();
+    let empty = "no mapping is kept with this robot; next: kincal columns keep ROBOT NAME --joint-unit deg …";
+    let names = ["name", "created_at", "columns"];
+    of.output.table(&answer, &names, &rows, empty)
 }
 
 fn keep(arguments: &KeepArguments) -> anyhow::Result<()> {

@@ -115,10 +115,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         };
         eprintln!("warning ({}): {}{lines}", warning.code, warning.detail);
     }
-    if arguments.output.json {
-        say!("{}", serde_json::to_string_pretty(&answer)?);
-    } else {
-        terminal::raw(program.with(&answer));
+    match arguments.output.json {
+        true => terminal::json(&answer)?,
+        false => terminal::raw(program.with(&answer)),
     }
     let statuses = &answer.status;
     for (status, what) in [

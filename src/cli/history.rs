@@ -1,8 +1,7 @@
 //! `kincal history|compare`: parameters over time, and the difference of two sets.
 
-use super::list::{cells, columns};
 use super::subject::{OfParameterSet, OfRobot, checked};
-use super::terminal;
+use super::terminal::cells;
 use crate::wire::history::{CompareAnswer, HistoryAnswer, SessionTest};
 use crate::wire::report_shape::ChangeReport;
 use anyhow::Context;
@@ -10,13 +9,6 @@ use serde_json::{Value, json};
 
 /// Maximum number of identifications in the list; the newest come first.
 const MAX_ROWS: usize = 100;
-
-/// Parameters that moved between identifications, in units of their uncertainty.
-#[derive(Debug, clap::Args)]
-pub struct HistoryArguments {
-    #[command(flatten)]
-    robot: OfRobot,
-}
 
 /// Differences between two parameter sets of one robot.
 #[derive(Debug, clap::Args)]
@@ -29,20 +21,10 @@ pub struct CompareArguments {
 }
 
 /// `kincal history`.
-pub fn history(arguments: &HistoryArguments) -> anyhow::Result<()> {
-    let answer = arguments.robot.get(&format!("/history?limit={MAX_ROWS}"))?;
+pub fn history(of: &OfRobot) -> anyhow::Result<()> {
+    let answer = of.get(&format!("/history?limit={MAX_ROWS}"))?;
     let parsed: HistoryAnswer = serde_json::from_value(answer.clone())
         .context("the server's history is of another version of kincal")?;
-    if arguments.robot.output.json {
-        say!("{}", serde_json::to_string_pretty(&answer)?);
-        return Ok(());
-    }
-    if parsed.items.is_empty() {
-        say!(
-            "nothing was identified for this robot yet; next: kincal submit --robot ROBOT SET.csv --wait"
-        );
-        return Ok(());
-    }
     let names = [
         "parameter_set_id",
         "created_at",
@@ -61,8 +43,8 @@ pub fn history(arguments: &HistoryArguments) -> anyhow::Result<()> {
             cells(&row, &names)
         })
         .collect();
-    terminal::raw(columns(&names, &rows));
-    Ok(())
+    let empty = "nothing was identified for this robot yet; next: kincal submit --robot ROBOT SET.csv --wait";
+    of.output.table(&answer, &names, &rows, empty)
 }
 
 /// Significance level: below this probability the links count as different.

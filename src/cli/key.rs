@@ -1,13 +1,12 @@
 //! `kincal key`: API keys. It may run while a server uses the database.
 
-use super::list;
 use super::runtime::block_on;
-use super::terminal::{self, Output};
+use super::terminal::{Output, cells};
 use super::usage::Usage;
 use crate::config::DatabaseConfig;
 use crate::http::auth::new_key;
 use crate::store::{
-    self, ApiKeyRow, NewApiKey, PageRequest, Store, StoreLocation, api_keys, robots,
+    self, ApiKeyRow, ListRequest, NewApiKey, Store, StoreLocation, api_keys, robots,
 };
 use crate::wire::key::Scope;
 use crate::wire::time::rfc3339;
@@ -153,7 +152,7 @@ async fn create(
 
 async fn all(store: &Store) -> anyhow::Result<Vec<ApiKeyRow>> {
     let mut rows = Vec::new();
-    let mut request = PageRequest::default();
+    let mut request = ListRequest::all();
     loop {
         let page = api_keys::list(store, &request).await?;
         rows.extend(page.items);
@@ -186,24 +185,16 @@ async fn list(store: &Store, output: &Output) -> anyhow::Result<()> {
         .iter()
         .map(described)
         .collect::<anyhow::Result<Vec<Value>>>()?;
-    if output.json {
-        say!(
-            "{}",
-            serde_json::to_string_pretty(&json!({"items": items}))?
-        );
-    } else if items.is_empty() {
-        say!("there is no key yet; next: kincal key create --name cell-4 --scope read");
-    } else {
-        let everywhere = |mut item: Value| {
-            if item["robots"].is_null() {
-                item["robots"] = "all".into();
-            }
-            list::cells(&item, &COLUMNS)
-        };
-        let rows: Vec<Vec<String>> = items.into_iter().map(everywhere).collect();
-        terminal::raw(list::columns(&COLUMNS, &rows));
-    }
-    Ok(())
+    let answer = json!({"items": items});
+    let everywhere = |mut item: Value| {
+        if item["robots"].is_null() {
+            item["robots"] = "all".into();
+        }
+        cells(&item, &COLUMNS)
+    };
+    let rows: Vec<Vec<String>> = items.into_iter().map(everywhere).collect();
+    let empty = "there is no key yet; next: kincal key create --name cell-4 --scope read";
+    output.table(&answer, &COLUMNS, &rows, empty)
 }
 
 async fn revoke(

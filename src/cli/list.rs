@@ -1,12 +1,10 @@
 //! `kincal robots|sets|jobs|params|networks`: lists what a server has, or shows one item.
 
+use super::actions::show_gates;
 use super::client::{Client, ServerArguments};
-use super::gates;
 use super::runtime::block_on;
 use super::subject::{item, with_query};
-use super::terminal;
-use super::terminal::{Output, plain};
-pub use super::text_table::columns;
+use super::terminal::{self, Output, cells, items};
 use crate::wire::page::{ArchivedFilter, Sort};
 use anyhow::Context;
 use serde_json::Value;
@@ -260,8 +258,7 @@ pub fn jobs(arguments: &JobArguments) -> anyhow::Result<()> {
     if let (Some(id), true) = (&arguments.id, arguments.convergence) {
         let path = item(JOBS.one, id, "/convergence")?;
         let curve = arguments.server.get(&path)?;
-        say!("{}", serde_json::to_string_pretty(&curve)?);
-        return Ok(());
+        return terminal::json(&curve);
     }
     let filters = [("status", &arguments.status), ("kind", &arguments.kind)];
     let one = (arguments.robot.as_ref(), arguments.id.as_ref());
@@ -311,7 +308,7 @@ pub fn parameter_sets(arguments: &ParameterSetArguments) -> anyhow::Result<()> {
     if let Some(id) = &of.id {
         if arguments.gates {
             let path = item(PARAMETER_SETS.one, id, "/gates")?;
-            return gates::show(&of.server.get(&path)?, id, &of.options.output);
+            return show_gates(&of.server.get(&path)?, id, &of.options.output);
         }
         if arguments.content {
             let path = item(PARAMETER_SETS.one, id, "/content")?;
@@ -329,8 +326,7 @@ pub fn parameter_sets(arguments: &ParameterSetArguments) -> anyhow::Result<()> {
                 .get(&format!("/v1/robots/{robot}/parameter-sets/active"))
                 .await
         })?;
-        say!("{}", serde_json::to_string_pretty(&set)?);
-        return Ok(());
+        return terminal::json(&set);
     }
     of.list_or_show(&PARAMETER_SETS, &[("status", &arguments.status)])
 }
@@ -352,9 +348,7 @@ fn list_or_show(
     block_on(async {
         let client = server.client()?;
         if let Some(id) = id {
-            let one = client.get(&item(kind.one, id, "")?).await?;
-            say!("{}", serde_json::to_string_pretty(&one)?);
-            return Ok(());
+            return terminal::json(&client.get(&item(kind.one, id, "")?).await?);
         }
         let robot = match robot {
             Some(robot) => client.robot_id(robot).await?,
@@ -364,26 +358,17 @@ fn list_or_show(
         query.push(("limit", MAX_ROWS.to_string()));
         let path = (kind.list)(&robot);
         let page = client.get(&with_query(&path, &query)?).await?;
-        if options.output.json {
-            say!("{}", serde_json::to_string_pretty(&page)?);
-            return Ok(());
-        }
-        let rows: Vec<Vec<String>> = page["items"]
-            .as_array()
-            .into_iter()
-            .flatten()
-            .map(|item| cells(item, kind.columns))
-            .collect();
-        if rows.is_empty() {
-            let n_archived = match options.archived {
-                ArchivedFilter::False => n_archived(&client, &path, query).await?,
-                _ => 0,
-            };
-            say!("{}", nothing_listed(kind.empty, is_filtered, n_archived));
-            return Ok(());
-        }
-        terminal::raw(columns(kind.columns, &rows));
-        if !page["next_cursor"].is_null() {
+        let rows: Vec<Vec<String>> = items(&page).map(|item| cells(item, kind.columns)).collect();
+        let output = &options.output;
+        let n_archived = match options.archived {
+            ArchivedFilter::False if rows.is_empty() && !output.json => {
+                n_archived(&client, &path, query).await?
+            }
+            _ => 0,
+        };
+        let empty = nothing_listed(kind.empty, is_filtered, n_archived);
+        output.table(&page, kind.columns, &rows, &empty)?;
+        if !page["next_cursor"].is_null() && !output.json {
             eprintln!(
                 "the first {MAX_ROWS} of {} are shown: choose by --search, --status or --archived",
                 page["total"]
@@ -411,18 +396,4 @@ fn nothing_listed(empty: &str, is_filtered: bool, n_archived: u64) -> String {
         (false, 0) => empty.into(),
         (_, n) => format!("nothing in use is listed, but {n} archived: --archived true lists them"),
     }
-}
-
-/// An item's values in the order of the columns.
-pub fn cells(item: &Value, columns: &[&str]) -> Vec<String> {
-    let cell = |value: &Value| match value {
-        Value::Null => "–".to_owned(),
-        Value::String(text) => plain(text).replace('\n', "\u{fffd}"),
-        Value::Array(items) if items.iter().all(Value::is_string) => {
-            let texts: Vec<&str> = items.iter().filter_map(Value::as_str).collect();
-            plain(&texts.join(",")).replace('\n', "\u{fffd}")
-        }
-        other => other.to_string(),
-    };
-    columns.iter().map(|column| cell(&item[*column])).collect()
 }

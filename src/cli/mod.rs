@@ -12,14 +12,12 @@ mod key;
 mod openapi;
 mod serve;
 mod verify_store;
-mod worker;
 
 // What is asked of a server.
 mod actions;
 mod archive;
 mod client;
 mod failure;
-mod gates;
 mod history;
 mod list;
 mod policy;
@@ -45,14 +43,12 @@ mod predict;
 mod program;
 
 // What commands share: arguments, texts and tables.
-mod check_table;
 mod numbers;
 mod options;
 mod remedy;
 mod runtime;
 mod subject;
 mod table;
-mod text_table;
 mod usage;
 
 use clap::{CommandFactory, Parser, Subcommand};
@@ -90,7 +86,7 @@ enum Command {
     /// Compute calibrations without serving requests: one of several nodes on one PostgreSQL.
     Worker(crate::config::WorkerConfig),
     /// Bring the database's schema up to date.
-    Migrate(worker::MigrateArguments),
+    Migrate(serve::MigrateArguments),
     /// Copy a whole database into an empty one: SQLite to PostgreSQL, or back.
     CopyStore(copy_store::Arguments),
     /// Make, list and revoke keys.
@@ -129,7 +125,7 @@ enum Command {
     /// Find base and tool frame from sweeps of single joints.
     Frames(frames::Arguments),
     /// Check the gates of a release, without releasing; exit code 1 if the release would be refused.
-    Gates(gates::Arguments),
+    Gates(subject::OfParameterSet),
     /// Show or set a robot's release policy.
     Policy(policy::Arguments),
     /// List a robot's work frames, or keep one under a name.
@@ -139,7 +135,7 @@ enum Command {
     /// List a robot's references (a scale bar that the instrument measured), or store one.
     References(references::Arguments),
     /// Show which parameters moved between a robot's identifications.
-    History(history::HistoryArguments),
+    History(subject::OfRobot),
     /// Show the differences between two parameter sets.
     Compare(history::CompareArguments),
     /// Print a parameter set in a format of other software or of a controller.
@@ -159,7 +155,7 @@ enum Command {
     /// State why a robot is in order although a session did not fit it.
     Checked(actions::RobotDecisionArguments),
     /// Cancel a job.
-    Cancel(actions::CancelArguments),
+    Cancel(subject::OfJob),
     /// Run the paper's calibrations through a real server with a temporary database, and compare with the paper's tables.
     Demo(demo::Arguments),
     /// Print the OpenAPI document.
@@ -186,8 +182,8 @@ pub fn main() -> ExitCode {
     let arguments = std::env::args_os().map(as_value);
     let result = match Arguments::parse_from(arguments).command {
         Command::Serve(config) => serve::run(&config),
-        Command::Worker(config) => worker::run(&config),
-        Command::Migrate(arguments) => worker::migrate(&arguments),
+        Command::Worker(config) => serve::work(&config),
+        Command::Migrate(arguments) => serve::migrate(&arguments),
         Command::CopyStore(arguments) => copy_store::run(&arguments),
         Command::Key(arguments) => key::run(&arguments),
         Command::Backup(arguments) => backup::run(&arguments),
@@ -203,7 +199,7 @@ pub fn main() -> ExitCode {
         Command::Networks(arguments) => list::networks(&arguments),
         Command::Frames(arguments) => frames::run(&arguments),
         Command::Columns(arguments) => columns::run(&arguments),
-        Command::Gates(arguments) => gates::run(&arguments),
+        Command::Gates(arguments) => actions::gates(&arguments),
         Command::Policy(arguments) => policy::run(&arguments),
         Command::WorkFrames(arguments) => named_frames::work_frames(&arguments),
         Command::Tools(arguments) => named_frames::tools(&arguments),

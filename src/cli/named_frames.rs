@@ -3,7 +3,7 @@
 use super::files::read;
 use super::numbers::{exactly, three_mm};
 use super::subject::{OfRobot, named};
-use super::text_table;
+use super::terminal::{columns, shown_items};
 use super::usage::Usage;
 use crate::wire::named_frame::{FixturePointBody, WorkFrameBody, WorkFrameReference};
 use crate::wire::tool::ToolBody;
@@ -154,11 +154,7 @@ fn show(list: &ListArguments, kind: &str) -> anyhow::Result<()> {
     let answer = list.robot.get(&below)?;
     list.robot
         .output
-        .print(&answer, || match answer["items"].as_array() {
-            Some(items) if items.is_empty() => "none".into(),
-            Some(items) => in_words(items),
-            None => in_words(std::slice::from_ref(&answer)),
-        })
+        .print(&answer, || shown_items(&answer, in_words))
 }
 
 fn keep(kept: &Named, kind: &str, body: &impl Serialize) -> anyhow::Result<()> {
@@ -223,7 +219,7 @@ fn in_words(items: &[Value]) -> String {
         "turned by",
         "rms of points mm",
     ];
-    text_table::columns(&names, &items.iter().map(row).collect::<Vec<_>>())
+    columns(&names, &items.iter().map(row).collect::<Vec<_>>())
 }
 
 /// A rotation matrix as its angle and axis.

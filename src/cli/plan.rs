@@ -4,7 +4,7 @@ use super::calibrate::read_robot;
 use super::client::ServerArguments;
 use super::files::{NumberFormat, cannot_be_used, fault, parse_json, read};
 use super::runtime::block_on;
-use super::terminal::Output;
+use super::terminal::{self, Output};
 use super::usage::Usage;
 use crate::operations::plan_poses;
 use crate::wire::columns::ColumnsBody;
@@ -116,8 +116,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         random / planned
     );
     if arguments.output.json {
-        say!("{}", serde_json::to_string_pretty(&plan)?);
-        return Ok(());
+        return terminal::json(&plan);
     }
     let header: Vec<String> = (1..=found.has_limits.len())
         .map(|joint| format!("q{joint}_deg"))

@@ -2,7 +2,7 @@
 
 use super::files::{BYTE_ORDER_MARK, read};
 use super::subject::{OfRobot, checked};
-use super::text_table;
+use super::terminal::{columns, shown_items};
 use super::usage::Usage;
 use crate::measurement::Decimal;
 use crate::measurement::csv::number_text::value;
@@ -61,11 +61,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             let answer = list.robot.get(&below)?;
             list.robot
                 .output
-                .print(&answer, || match answer["items"].as_array() {
-                    Some(items) if items.is_empty() => "none".into(),
-                    Some(items) => in_words(items),
-                    None => in_words(std::slice::from_ref(&answer)),
-                })
+                .print(&answer, || shown_items(&answer, in_words))
         }
         Command::Add(add) => {
             let body = ReferenceBody {
@@ -109,7 +105,7 @@ fn in_words(items: &[Value]) -> String {
         "scale",
         "instrument",
     ];
-    text_table::columns(&names, &items.iter().map(row).collect::<Vec<_>>())
+    columns(&names, &items.iter().map(row).collect::<Vec<_>>())
 }
 
 /// A row as text, because the decimal mark depends on the separator.

@@ -7,6 +7,7 @@ use super::numbers;
 use super::robots_library::{self, LibraryCommand};
 use super::runtime::block_on;
 use super::subject::OfRobot;
+use super::terminal;
 use super::usage::Usage;
 use crate::wire::robot::{GravityDirection, JointMapBody, MountingBody, NamedMounting};
 use crate::wire::robot_patch::RobotPatchBody;
@@ -158,7 +159,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             list::robots(&arguments.shown)
         }
         Some(RobotCommand::List(list)) => list::robots(list),
-        Some(RobotCommand::Show(one)) => show(one),
+        Some(RobotCommand::Show(one)) => terminal::json(&one.get("")?),
         Some(RobotCommand::Edit(changes)) => edit(changes),
         Some(RobotCommand::Archive(one)) => put(one, Action::Archive),
         Some(RobotCommand::Restore(one)) => put(one, Action::Restore),
@@ -178,11 +179,6 @@ fn refuse_name_of_command(id: Option<&str>) -> anyhow::Result<()> {
         }
         None => Ok(()),
     }
-}
-
-fn show(of: &OfRobot) -> anyhow::Result<()> {
-    say!("{}", serde_json::to_string_pretty(&of.get("")?)?);
-    Ok(())
 }
 
 fn put(of: &OfRobot, action: Action) -> anyhow::Result<()> {

@@ -5,8 +5,7 @@ use super::files::{cannot_be_used, parse_json, read};
 use super::import::{format_of, tell};
 use super::numbers::{self, three_mm};
 use super::runtime::block_on;
-use super::terminal::{self, Output, plain};
-use super::text_table::columns;
+use super::terminal::{Output, columns, plain};
 use super::usage::Usage;
 use crate::operations::import::import_with;
 use crate::operations::{MAX_APART, posture, robot_models};
@@ -195,18 +194,17 @@ fn find(arguments: &FindArguments) -> anyhow::Result<()> {
         ))
         .into()),
         [model] => arguments.output.print(model, || in_full(model)),
-        several if arguments.output.json => {
-            say!("{}", serde_json::to_string_pretty(several)?);
-            Ok(())
-        }
         several => {
             let row = |model: &&RobotModel| {
                 let joints = model.joints.len().to_string();
                 vec![model.id.clone(), model.maker.clone(), model.name.clone(), joints]
             };
             let rows: Vec<Vec<String>> = several.iter().map(row).collect();
-            terminal::raw(columns(&["id", "maker", "name", "joints"], &rows));
-            eprintln!("{} arms; next: kincal robots find ID", several.len());
+            let names = ["id", "maker", "name", "joints"];
+            arguments.output.table(&several, &names, &rows, "")?;
+            if !arguments.output.json {
+                eprintln!("{} arms; next: kincal robots find ID", several.len());
+            }
             Ok(())
         }
     }

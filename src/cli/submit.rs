@@ -10,7 +10,7 @@ use super::remedy::{in_commands, with_options};
 use super::runtime::block_on;
 use super::subject::with_query;
 use super::table;
-use super::terminal::{Output, plain};
+use super::terminal::{self, Output, plain};
 use super::usage::Usage;
 use crate::release::unusable_because;
 use crate::report_page::words;
@@ -118,14 +118,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             });
         }
         if arguments.upload_only {
-            if arguments.output.json {
-                let text = match sets.as_slice() {
-                    [set] => serde_json::to_string_pretty(set)?,
-                    sets => serde_json::to_string_pretty(sets)?,
-                };
-                say!("{text}");
-            }
-            return Ok(());
+            return match sets.as_slice() {
+                _ if !arguments.output.json => Ok(()),
+                [set] => terminal::json(set),
+                sets => terminal::json(&sets),
+            };
         }
         let ids = sets.iter().map(|set| Ok(text(set, "id")?.to_owned()));
         let ids: Vec<String> = ids.collect::<anyhow::Result<_>>()?;

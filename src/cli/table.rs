@@ -1,13 +1,13 @@
 //! A report as text for a terminal.
 
-use super::check_table::quick_check;
 use super::remedy::with_options;
+use super::terminal::plain;
 use crate::release::{headline, why_no_evidence, why_same_upload};
 use crate::report_page::words;
 use crate::wire::job::Model;
 use crate::wire::report_shape::{
-    ComparisonReport, CorrectionReport, ErrorsReport, Evidence, ParameterReport,
-    RepeatabilityReport, Report, SubsetReport,
+    CheckReport, CheckVerdict, ComparisonReport, CorrectionReport, DetectableReport, ErrorsReport,
+    Evidence, ParameterReport, RepeatabilityReport, Report, SubsetReport,
 };
 use crate::wire::sessions::PooledReport;
 use std::fmt::Write;
@@ -326,5 +326,38 @@ pub fn number(value: f64) -> String {
         size if size < 1e-3 => format!("{value:.2e}"),
         size if size < 100.0 => format!("{value:.4}"),
         _ => format!("{value:.1}"),
+    }
+}
+
+/// Verdict, next step, and the smallest changes that these poses detect.
+fn quick_check(check: &CheckReport) -> String {
+    let verdict = match check.verdict {
+        CheckVerdict::Holds => "the released set still holds",
+        CheckVerdict::Changed => "CHANGED: the released set no longer holds",
+        CheckVerdict::CannotTell => "these poses cannot tell whether the released set holds",
+    };
+    let mut text = format!("\ncheck: {verdict}\nnext: {}\n", plain(&check.next));
+    if !check.detectable.is_empty() {
+        text += &format!(
+            "smallest change that is found in {:.0} of 100 cases (1 of {:.0} unchanged robots is called changed):\n",
+            100.0 * check.power,
+            1.0 / check.level
+        );
+    }
+    check
+        .detectable
+        .iter()
+        .for_each(|row| text += &detectable(row));
+    text
+}
+
+fn detectable(row: &DetectableReport) -> String {
+    let unit = if row.unit == "deg" { "°" } else { " mm" };
+    match (row.change, row.tool_mm) {
+        (Some(change), Some(tool_mm)) => format!(
+            "  {}: {change:.4}{unit}, moves the tool by {tool_mm:.3} mm\n",
+            row.name
+        ),
+        _ => format!("  {}: not seen by these poses\n", row.name),
     }
 }

@@ -1,6 +1,7 @@
 //! Output to the terminal: text, JSON, and the escaping of texts from elsewhere.
 
 use serde::Serialize;
+use serde_json::Value;
 use std::io::{ErrorKind, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -30,12 +31,32 @@ impl Output {
         text: impl FnOnce() -> String,
     ) -> anyhow::Result<()> {
         if self.json {
-            say!("{}", serde_json::to_string_pretty(answer)?);
-        } else {
-            say!("{}", text());
+            return json(answer);
         }
+        say!("{}", text());
         Ok(())
     }
+
+    /// Prints a list: as JSON with `--json`, else as a table with these columns, or as a text if it is empty.
+    pub fn table(
+        &self,
+        answer: &impl Serialize,
+        names: &[&str],
+        rows: &[Vec<String>],
+        empty: &str,
+    ) -> anyhow::Result<()> {
+        if self.json || rows.is_empty() {
+            return self.print(answer, || empty.to_owned());
+        }
+        raw(columns(names, rows));
+        Ok(())
+    }
+}
+
+/// Prints an answer as JSON.
+pub fn json(answer: &impl Serialize) -> anyhow::Result<()> {
+    say!("{}", serde_json::to_string_pretty(answer)?);
+    Ok(())
 }
 
 /// Prints text or bytes unchanged on standard output.
@@ -71,6 +92,59 @@ pub fn plain(text: &str) -> String {
     text.chars()
         .map(|c| if is_control(c) { '\u{fffd}' } else { c })
         .collect()
+}
+
+/// A table whose columns are as wide as their widest cell.
+pub fn columns(names: &[&str], rows: &[Vec<String>]) -> String {
+    let width = |at: usize| {
+        rows.iter()
+            .map(|row| row[at].chars().count())
+            .chain([names[at].len()])
+            .max()
+            .unwrap_or(0)
+    };
+    let widths: Vec<usize> = (0..names.len()).map(width).collect();
+    let line = |cells: Vec<&str>| {
+        let padded: Vec<String> = cells
+            .iter()
+            .zip(&widths)
+            .map(|(cell, width)| format!("{cell:<width$}"))
+            .collect();
+        format!("{}\n", padded.join("  ").trim_end())
+    };
+    let body: String = rows
+        .iter()
+        .map(|row| line(row.iter().map(String::as_str).collect()))
+        .collect();
+    line(names.to_vec()) + &body
+}
+
+/// The items of a list, or the one item of an answer, as `in_words` tells them.
+pub fn shown_items(answer: &Value, in_words: fn(&[Value]) -> String) -> String {
+    match answer["items"].as_array() {
+        Some(items) if items.is_empty() => "none".into(),
+        Some(items) => in_words(items),
+        None => in_words(std::slice::from_ref(answer)),
+    }
+}
+
+/// The items of a list.
+pub fn items(answer: &Value) -> impl Iterator<Item = &Value> {
+    answer["items"].as_array().into_iter().flatten()
+}
+
+/// An item's values in the order of the columns.
+pub fn cells(item: &Value, columns: &[&str]) -> Vec<String> {
+    let cell = |value: &Value| match value {
+        Value::Null => "–".to_owned(),
+        Value::String(text) => plain(text).replace('\n', "\u{fffd}"),
+        Value::Array(items) if items.iter().all(Value::is_string) => {
+            let texts: Vec<&str> = items.iter().filter_map(Value::as_str).collect();
+            plain(&texts.join(",")).replace('\n', "\u{fffd}")
+        }
+        other => other.to_string(),
+    };
+    columns.iter().map(|column| cell(&item[*column])).collect()
 }
 
 #[cfg(test)]

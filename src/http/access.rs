@@ -37,11 +37,8 @@ pub fn require_in_use(robot: &RobotRow) -> Result<(), Error> {
 
 /// The error for an archived item, with its remedy.
 pub fn archived(what: &str, id: &str) -> Error {
-    Error::Conflict {
-        code: "archived",
-        detail: format!("the {what} {id} is archived: restore it first"),
-        errors: vec![],
-    }
+    let detail = format!("the {what} {id} is archived: restore it first");
+    Error::conflict("archived", detail)
 }
 
 /// The robot of a parameter set: the model that the set was identified with, and today's joint limits.
@@ -65,52 +62,31 @@ pub fn robot_body(row: &RobotRow) -> Result<RobotBody, Error> {
         .map_err(|error| Error::Internal(format!("robot {} cannot be read: {error}", row.id)))
 }
 
-/// The measurement set, if this key may see it.
-pub async fn measurement_set(
-    app: &App,
-    caller: &Caller,
-    id: &str,
-) -> Result<MeasurementSetRow, Error> {
-    let row = measurement_sets::get(&app.store, id);
-    visible_row(caller, id, "measurement set", row, |row| &row.robot_id).await
+/// Makes the functions that read a row of a robot. An entry has the documentation, the module and the row of its table, and what it is.
+macro_rules! rows_of_robots {
+    ($($(#[$doc:meta])+ $name:ident: $table:ident $row:ident, $what:tt;)+) => {$(
+        $(#[$doc])+
+        pub async fn $name(app: &App, caller: &Caller, id: &str) -> Result<$row, Error> {
+            plausible(id, $what)?;
+            let row = $table::get(&app.store, id).await;
+            let row = row.map_err(|error| absent(error, $what))?;
+            visible(caller, &row.robot_id, $what)?;
+            Ok(row)
+        }
+    )+};
 }
 
-/// The frames, if this key may see them.
-pub async fn frames(app: &App, caller: &Caller, id: &str) -> Result<FramesRow, Error> {
-    let row = frames::get(&app.store, id);
-    visible_row(caller, id, "frames", row, |row| &row.robot_id).await
-}
-
-/// The job, if this key may see it.
-pub async fn job(app: &App, caller: &Caller, id: &str) -> Result<JobRow, Error> {
-    let row = jobs::get(&app.store, id);
-    visible_row(caller, id, "job", row, |row| &row.robot_id).await
-}
-
-/// The parameter set, if this key may see it.
-pub async fn parameter_set(app: &App, caller: &Caller, id: &str) -> Result<ParameterSetRow, Error> {
-    let row = parameter_sets::get(&app.store, id);
-    visible_row(caller, id, "parameter set", row, |row| &row.robot_id).await
-}
-
-/// The network, if this key may see it.
-pub async fn network(app: &App, caller: &Caller, id: &str) -> Result<NetworkRow, Error> {
-    let row = networks::get(&app.store, id);
-    visible_row(caller, id, "network", row, |row| &row.robot_id).await
-}
-
-/// The row, if this key may see its robot. The query runs only for a text that can be an id.
-async fn visible_row<R>(
-    caller: &Caller,
-    id: &str,
-    what: &'static str,
-    query: impl Future<Output = store::Result<R>>,
-    robot_id: fn(&R) -> &str,
-) -> Result<R, Error> {
-    plausible(id, what)?;
-    let row = query.await.map_err(|error| absent(error, what))?;
-    visible(caller, robot_id(&row), what)?;
-    Ok(row)
+rows_of_robots! {
+    /// The measurement set, if this key may see it.
+    measurement_set: measurement_sets MeasurementSetRow, "measurement set";
+    /// The frames, if this key may see them.
+    frames: frames FramesRow, "frames";
+    /// The job, if this key may see it.
+    job: jobs JobRow, "job";
+    /// The parameter set, if this key may see it.
+    parameter_set: parameter_sets ParameterSetRow, "parameter set";
+    /// The network, if this key may see it.
+    network: networks NetworkRow, "network";
 }
 
 /// Refuses a text from a query or a body that cannot be an id. Does not query the database.

@@ -2,19 +2,14 @@
 
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
-use crate::http::{App, Error, access};
-use crate::store::{
-    Archivable, JobRow, MeasurementSetRow, NetworkRow, ParameterSetRow, ParameterSetStatus,
-    RobotRow, Tx, archive,
-};
+use crate::http::{Error, access};
+use crate::store::{Archivable, JobRow, ParameterSetRow, ParameterSetStatus, Tx, archive};
 use crate::wire::job_answer::JobAnswer;
 use crate::wire::measurement::SetSummary;
 use crate::wire::network::NetworkAnswer;
 use crate::wire::parameter_set::ParameterSetAnswer;
 use crate::wire::robot::RobotAnswer;
-use axum::extract::State;
 use axum::response::Response;
-use serde::Serialize;
 
 /// What a request does to an item.
 #[derive(Clone, Copy)]
@@ -23,62 +18,31 @@ enum Change {
     Restore,
 }
 
-/// An item that can be archived.
-trait Item: Clone + Sync {
-    const KIND: Archivable;
-    type Answer: Serialize;
-
-    fn id(&self) -> &str;
-
-    fn robot_id(&self) -> &str;
-
-    /// Reason, if the item cannot be archived.
-    fn not_archivable(&self) -> Option<String>;
-
-    /// The answer, with the time at which the item was archived, or `None`.
-    fn answer(&self, archived_at_ms: Option<i64>) -> Result<Self::Answer, Error>;
-}
-
-/// Implements [`Item`] for a row. The arguments are the kind, the field with the id of its robot, the answer and its
-/// conversion, and the reason if the row cannot be archived.
-macro_rules! item {
-    ($row:ident $kind:ident $robot_id:ident $answer:ident, $convert:expr, $not_archivable:expr) => {
-        impl Item for $row {
-            const KIND: Archivable = Archivable::$kind;
-            type Answer = $answer;
-
-            fn id(&self) -> &str {
-                &self.id
-            }
-
-            fn robot_id(&self) -> &str {
-                &self.$robot_id
-            }
-
-            fn not_archivable(&self) -> Option<String> {
-                let reason: fn(&$row) -> Option<String> = $not_archivable;
-                reason(self)
-            }
-
-            fn answer(&self, archived_at_ms: Option<i64>) -> Result<$answer, Error> {
-                let mut row = self.clone();
-                row.archived_at_ms = archived_at_ms;
-                let convert: fn($row) -> Result<$answer, Error> = $convert;
-                convert(row)
-            }
+/// Archives or restores an item. Returns when it was archived, if it is.
+async fn apply(
+    tx: &mut Tx,
+    change: Change,
+    (kind, id, robot_id): (Archivable, &str, &str),
+    by: &str,
+) -> Result<Option<i64>, Error> {
+    Ok(match change {
+        Change::Archive => Some(archive::archive(tx, kind, id, robot_id, by).await?),
+        Change::Restore => {
+            archive::restore(tx, kind, id, robot_id).await?;
+            None
         }
-    };
+    })
 }
 
-item!(RobotRow Robot id RobotAnswer, |row| RobotAnswer::try_from(&row), |_| None);
-item!(MeasurementSetRow MeasurementSet robot_id SetSummary, |row| SetSummary::try_from(&row), |_| None);
-item!(NetworkRow Network robot_id NetworkAnswer, NetworkAnswer::try_from, |_| None);
-item!(JobRow Job robot_id JobAnswer, |row| JobAnswer::try_from(&row), |row| {
+/// Why a job is not archived.
+fn still_runs(row: &JobRow) -> Option<String> {
     let status = row.status.as_str();
     (!row.status.is_over())
         .then(|| format!("the job is {status}: wait until it is over, or cancel it"))
-});
-item!(ParameterSetRow ParameterSet robot_id ParameterSetAnswer, ParameterSetAnswer::try_from, |row| {
+}
+
+/// Why a parameter set is not archived.
+fn was_released(row: &ParameterSetRow) -> Option<String> {
     let status = row.status.as_str();
     let was_released = row.status != ParameterSetStatus::Candidate && row.archived_at_ms.is_none();
     was_released.then(|| {
@@ -86,48 +50,12 @@ item!(ParameterSetRow ParameterSet robot_id ParameterSetAnswer, ParameterSetAnsw
             "the parameter set is {status}; only candidates are archived, because the history of what was released stays"
         )
     })
-});
-
-/// Archives or restores an item.
-async fn change_item(
-    app: &App,
-    submission: &Submission,
-    change: Change,
-    item: impl Item,
-) -> Result<Response, Error> {
-    let effect = async |tx: &mut Tx| {
-        let archived_at_ms = change_in(tx, &item, change, &submission.caller.holder).await?;
-        stored_json(200, None, &item.answer(archived_at_ms)?)
-    };
-    submission.create(&app.store, effect).await
 }
 
-/// Returns when the item was archived, if it is.
-async fn change_in<I: Item>(
-    tx: &mut Tx,
-    item: &I,
-    change: Change,
-    by: &str,
-) -> Result<Option<i64>, Error> {
-    let (id, robot_id) = (item.id(), item.robot_id());
-    match (change, item.not_archivable()) {
-        (Change::Archive, Some(detail)) => Err(Error::Conflict {
-            code: "not_archivable",
-            detail,
-            errors: vec![],
-        }),
-        (Change::Archive, None) => Ok(Some(archive::archive(tx, I::KIND, id, robot_id, by).await?)),
-        (Change::Restore, _) => {
-            archive::restore(tx, I::KIND, id, robot_id).await?;
-            Ok(None)
-        }
-    }
-}
-
-/// Makes the handlers. An entry has the documentation, the name, the function and the change, the path and the name of its id, the tag and the id of
-/// the operation, and the description and the shape of the answer.
+/// Makes the handlers. An entry has the documentation, the name, the change, the function that reads the row, its kind and the field with the id of its
+/// robot, the path and the name of its id, the tag and the id of the operation, the description and the shape of the answer, and the reason against it.
 macro_rules! handlers {
-    ($($(#[$doc:meta])+ $name:ident: $kind:ident $change:ident, $path:tt $id:tt, $tag:tt $operation:tt, $what:tt $answer:ident;)+) => {$(
+    ($($(#[$doc:meta])+ $name:ident: $change:ident $row:ident $kind:ident $robot_id:ident, $path:tt $id:tt, $tag:tt $operation:tt, $what:tt $answer:ident $(unless $reason:ident)?;)+) => {$(
         $(#[$doc])+
         #[utoipa::path(
             post, path = $path, tag = $tag, operation_id = $operation,
@@ -135,35 +63,43 @@ macro_rules! handlers {
             responses((status = 200, description = $what, body = $answer))
         )]
         pub async fn $name(
-            State(app): State<App>,
             Id(id): Id,
             submission: Submission,
         ) -> Result<Response, Error> {
-            let item = access::$kind(&app, &submission.caller, &id).await?;
-            change_item(&app, &submission, Change::$change, item).await
+            let mut row = access::$row(&submission.app, &submission.caller, &id).await?;
+            $(if let Some(detail) = $reason(&row) {
+                return Err(Error::conflict("not_archivable", detail));
+            })?
+            let effect = async |tx: &mut Tx| {
+                let item = (Archivable::$kind, id.as_str(), row.$robot_id.as_str());
+                let by = &submission.caller.holder;
+                row.archived_at_ms = apply(tx, Change::$change, item, by).await?;
+                stored_json(200, None, &$answer::try_from(&row)?)
+            };
+            submission.create(effect).await
         }
     )+};
 }
 
 handlers! {
     /// Archives a robot: it is left out of lists and takes no uploads, jobs, edits, named documents, policies and releases. Withdrawing and rolling back stay possible.
-    archive_robot: robot Archive, "/v1/robots/{robot_id}/archive" "robot_id", "robots" "archiveRobot", "The robot" RobotAnswer;
+    archive_robot: Archive robot Robot id, "/v1/robots/{robot_id}/archive" "robot_id", "robots" "archiveRobot", "The robot" RobotAnswer;
     /// Restores an archived robot: it is in lists and can be used again.
-    restore_robot: robot Restore, "/v1/robots/{robot_id}/restore" "robot_id", "robots" "restoreRobot", "The robot" RobotAnswer;
+    restore_robot: Restore robot Robot id, "/v1/robots/{robot_id}/restore" "robot_id", "robots" "restoreRobot", "The robot" RobotAnswer;
     /// Archives a measurement set: it is left out of lists, and no new job uses it.
-    archive_measurement_set: measurement_set Archive, "/v1/measurement-sets/{id}/archive" "id", "measurement sets" "archiveMeasurementSet", "The measurement set" SetSummary;
+    archive_measurement_set: Archive measurement_set MeasurementSet robot_id, "/v1/measurement-sets/{id}/archive" "id", "measurement sets" "archiveMeasurementSet", "The measurement set" SetSummary;
     /// Restores an archived measurement set: it is in lists and can be used again.
-    restore_measurement_set: measurement_set Restore, "/v1/measurement-sets/{id}/restore" "id", "measurement sets" "restoreMeasurementSet", "The measurement set" SetSummary;
+    restore_measurement_set: Restore measurement_set MeasurementSet robot_id, "/v1/measurement-sets/{id}/restore" "id", "measurement sets" "restoreMeasurementSet", "The measurement set" SetSummary;
     /// Archives a job that has ended: it is left out of lists. Its results stay evidence.
-    archive_job: job Archive, "/v1/jobs/{id}/archive" "id", "jobs" "archiveJob", "The job" JobAnswer;
+    archive_job: Archive job Job robot_id, "/v1/jobs/{id}/archive" "id", "jobs" "archiveJob", "The job" JobAnswer unless still_runs;
     /// Restores an archived job: it is in lists and can be used again.
-    restore_job: job Restore, "/v1/jobs/{id}/restore" "id", "jobs" "restoreJob", "The job" JobAnswer;
+    restore_job: Restore job Job robot_id, "/v1/jobs/{id}/restore" "id", "jobs" "restoreJob", "The job" JobAnswer;
     /// Archives a candidate: it is left out of lists, cannot be released, and is not compared with. A set that was released is never archived.
-    archive_parameter_set: parameter_set Archive, "/v1/parameter-sets/{id}/archive" "id", "parameter sets" "archiveParameterSet", "The parameter set" ParameterSetAnswer;
+    archive_parameter_set: Archive parameter_set ParameterSet robot_id, "/v1/parameter-sets/{id}/archive" "id", "parameter sets" "archiveParameterSet", "The parameter set" ParameterSetAnswer unless was_released;
     /// Restores an archived parameter set: it is in lists and can be used again.
-    restore_parameter_set: parameter_set Restore, "/v1/parameter-sets/{id}/restore" "id", "parameter sets" "restoreParameterSet", "The parameter set" ParameterSetAnswer;
+    restore_parameter_set: Restore parameter_set ParameterSet robot_id, "/v1/parameter-sets/{id}/restore" "id", "parameter sets" "restoreParameterSet", "The parameter set" ParameterSetAnswer;
     /// Archives a network: it is left out of lists, and no new job starts from it.
-    archive_network: network Archive, "/v1/networks/{id}/archive" "id", "networks" "archiveNetwork", "The network" NetworkAnswer;
+    archive_network: Archive network Network robot_id, "/v1/networks/{id}/archive" "id", "networks" "archiveNetwork", "The network" NetworkAnswer;
     /// Restores an archived network: it is in lists and can be used again.
-    restore_network: network Restore, "/v1/networks/{id}/restore" "id", "networks" "restoreNetwork", "The network" NetworkAnswer;
+    restore_network: Restore network Network robot_id, "/v1/networks/{id}/restore" "id", "networks" "restoreNetwork", "The network" NetworkAnswer;
 }

@@ -1,6 +1,5 @@
 //! Authentication and authorisation: keys and their scopes.
 
-use crate::http::connection::Peer;
 use crate::http::limits::RequestClass;
 use crate::http::route::Route;
 use crate::http::session_cookie;
@@ -12,6 +11,7 @@ use axum::extract::{MatchedPath, Request, State};
 use axum::http::{HeaderMap, HeaderValue, Method, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use std::net::IpAddr;
 
 /// Prefix of every key, so that secret scanners recognise a leaked one.
 const KEY_PREFIX: &str = "kincal_";
@@ -21,6 +21,10 @@ const RANDOM_BYTES: usize = 32;
 const UNKNOWN_KEY: &str =
     "this key is not known or was revoked; `kincal key create` makes a new one";
 const SESSION_ENDED: &str = "the session of this browser has ended: sign in again";
+
+/// Address of the client; the accept loop adds it to each request.
+#[derive(Clone, Copy, Debug)]
+pub struct Peer(pub IpAddr);
 
 /// The authenticated client, and the class of its request.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -3,13 +3,13 @@
 use crate::http::auth::Caller;
 use crate::http::creation::Submission;
 use crate::http::extract::{Id, Query};
-use crate::http::list_query::NewestListQuery;
+use crate::http::list_query::{NewestListQuery, list_of_robot};
 use crate::http::named_documents::DocumentAnswer;
 use crate::http::table_upload::{refuse_other_types, stated_columns, table_type};
 use crate::http::{App, Error, access, named_documents};
 use crate::operations::preview_table;
-use crate::store::NamedDocumentRow;
 use crate::store::named_documents::NamedDocumentKind;
+use crate::store::{self, NamedDocumentRow};
 use crate::wire::columns::{ColumnMappingAnswer, ColumnsBody};
 use crate::wire::issue::Checker;
 use crate::wire::measurement::Decimal;
@@ -52,19 +52,19 @@ pub struct PreviewQuery {
     responses((status = 200, description = "How the files are understood", body = PreviewAnswer))
 )]
 pub async fn preview(
-    State(app): State<App>,
     Id(robot_id): Id,
     Query(query): Query<PreviewQuery>,
     submission: Submission,
 ) -> Result<Json<PreviewAnswer>, Error> {
-    let robot = access::robot(&app, &submission.caller, &robot_id).await?;
+    let app = &submission.app;
+    let robot = access::robot(app, &submission.caller, &robot_id).await?;
     refuse_other_types(&submission)?;
     if submission.media_type == "application/json" {
         return Err(
             submission.unsupported("text/csv, a workbook (xlsx, ods) or multipart/form-data")
         );
     }
-    let columns = stated_columns(&app, &robot_id, query.columns.as_deref()).await?;
+    let columns = stated_columns(app, &robot_id, query.columns.as_deref()).await?;
     let n_joints = Robot::try_from(&access::robot_body(&robot)?)?.links.len();
     let look = move || {
         let content_type = table_type(&submission.body, submission.content_type.clone())?;
@@ -94,19 +94,9 @@ fn check_name(name: &str) -> Result<(), Error> {
     Ok(checker.finish("invalid_name")?)
 }
 
-/// A robot's mappings of columns, newest first.
-#[utoipa::path(
-    get, path = "/v1/robots/{robot_id}/columns", tag = "measurement sets", operation_id = "listColumns",
-    params(("robot_id" = String, Path, description = "The robot"), NewestListQuery),
-    responses((status = 200, description = "One page", body = Page<ColumnMappingAnswer>))
-)]
-pub async fn list(
-    State(app): State<App>,
-    caller: Caller,
-    Id(robot_id): Id,
-    Query(query): Query<NewestListQuery>,
-) -> Result<Json<Page<ColumnMappingAnswer>>, Error> {
-    named_documents::list(&app, &caller, &robot_id, query).await
+list_of_robot! {
+    /// A robot's mappings of columns, newest first.
+    list: "/v1/robots/{robot_id}/columns" "measurement sets" "listColumns", NewestListQuery ColumnMappingAnswer, store::named_documents::list, NamedDocumentKind::Columns
 }
 
 /// A mapping of columns by its name.
@@ -132,15 +122,14 @@ pub async fn get(
     responses((status = 200, description = "The mapping, stored", body = ColumnMappingAnswer))
 )]
 pub async fn put(
-    State(app): State<App>,
     Path((robot_id, name)): Path<(String, String)>,
     submission: Submission,
 ) -> Result<Response, Error> {
     check_name(&name)?;
-    access::robot_in_use(&app, &submission.caller, &robot_id).await?;
+    access::robot_in_use(&submission.app, &submission.caller, &robot_id).await?;
     let columns: ColumnsBody = submission.json()?;
     columns.check()?;
-    named_documents::put::<ColumnMappingAnswer>(&app, &robot_id, &name, &submission, columns).await
+    named_documents::put::<ColumnMappingAnswer>(&robot_id, &name, &submission, columns).await
 }
 
 impl DocumentAnswer for ColumnMappingAnswer {

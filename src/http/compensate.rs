@@ -1,17 +1,17 @@
 //! Corrected joint targets.
 
 use crate::calibration::request::Estimate;
-use crate::http::auth::Caller;
-use crate::http::extract::{Id, Query, json_body, whole_body};
+use crate::http::extract::{Item, Query, json_body, whole_body};
 use crate::http::limits::ComputePermit;
 use crate::http::table_upload::stated_columns;
 use crate::http::{App, Error, access, named_frames, parameter_sets};
 use crate::operations::program::{Program, ProgramTarget};
 use crate::operations::{self, Correctable};
 use crate::store::{ParameterSetRow, jobs};
-use crate::wire::compensate::{Base, CompensateAnswer, CompensateBody, Mode, OWN_FRAMES};
+use crate::wire::compensate::{
+    Base, CompensateAnswer, CompensateBody, CorrectedProgram, Mode, OWN_FRAMES,
+};
 use crate::wire::content_type::rotation_convention;
-use crate::wire::corrected_program::CorrectedProgram;
 use crate::wire::issue::Invalid;
 use crate::wire::json;
 use crate::wire::measurement::{Frame, Warning};
@@ -21,7 +21,7 @@ use crate::wire::parameter_set::{ParameterSetContent, Provenance};
 use crate::wire::robot::{Robot, RobotBody};
 use crate::wire::tool::ToolBody;
 use axum::Json;
-use axum::extract::{Request, State};
+use axum::extract::Request;
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
 use serde::Deserialize;
@@ -38,9 +38,7 @@ use utoipa::IntoParams;
     responses((status = 200, description = "Corrected targets, in the order of the request", body = CompensateAnswer))
 )]
 pub async fn compensate(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
+    Item { app, caller, id }: Item,
     request: Request,
 ) -> Result<Json<CompensateAnswer>, Error> {
     let row = access::parameter_set(&app, &caller, &id).await?;
@@ -126,9 +124,7 @@ impl ProgramQuery {
     responses((status = 200, description = "The program with corrected targets, and what was found for each", body = CorrectedProgram))
 )]
 pub async fn program(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
+    Item { app, caller, id }: Item,
     Query(query): Query<ProgramQuery>,
     request: Request,
 ) -> Result<Json<CorrectedProgram>, Error> {

@@ -4,7 +4,7 @@ use crate::http::auth::Caller;
 use crate::http::extract::{media_type, parse_small, whole_body};
 use crate::http::headers::IDEMPOTENCY_KEY;
 use crate::http::{App, Error};
-use crate::store::{IdempotencyScope, IdempotentOutcome, Store, StoredResponse, Tx};
+use crate::store::{IdempotencyScope, IdempotentOutcome, StoredResponse, Tx};
 use crate::wire::canonical;
 use crate::wire::parameter_set::ReasonBody;
 use axum::body::Bytes;
@@ -21,6 +21,8 @@ const IDEMPOTENCY_REPLAYED: HeaderName = HeaderName::from_static("idempotency-re
 /// A request that creates or changes something. If the same request was answered before, its handler does not run: the stored answer is sent again
 /// without any check.
 pub struct Submission {
+    /// The state of the server.
+    pub app: App,
     /// The key that sent the request.
     pub caller: Caller,
     /// Its media type, without parameters.
@@ -38,7 +40,7 @@ impl FromRequest<App> for Submission {
     async fn from_request(request: Request, app: &App) -> Result<Self, Response> {
         let submission = Self::read(request, app).await;
         let submission = submission.map_err(IntoResponse::into_response)?;
-        match submission.replay(&app.store).await {
+        match submission.replay().await {
             Ok(None) => Ok(submission),
             Ok(Some(answer)) => Err(answer),
             Err(error) => Err(error.into_response()),
@@ -73,6 +75,7 @@ impl Submission {
             None => None,
         };
         Ok(Self {
+            app: app.clone(),
             caller,
             media_type,
             content_type,
@@ -90,10 +93,7 @@ fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Error> {
     let is_printable = text.bytes().all(|byte| (b' '..=b'~').contains(&byte));
     if text.is_empty() || text.len() > MAX_KEY || !is_printable {
         let detail = format!("an Idempotency-Key has 1 to {MAX_KEY} printable ASCII characters");
-        return Err(Error::BadRequest {
-            code: "invalid_idempotency_key",
-            detail,
-        });
+        return Err(Error::bad_request("invalid_idempotency_key", detail));
     }
     Ok(Some(text.into()))
 }
@@ -145,23 +145,25 @@ impl Submission {
     }
 
     /// The stored answer, if the same request was done before.
-    async fn replay(&self, store: &Store) -> Result<Option<Response>, Error> {
+    async fn replay(&self) -> Result<Option<Response>, Error> {
         match &self.scope {
-            Some(scope) => store.answered(scope).await?.map(respond).transpose(),
+            Some(scope) => self
+                .app
+                .store
+                .answered(scope)
+                .await?
+                .map(respond)
+                .transpose(),
             None => Ok(None),
         }
     }
 
     /// Replaces an error with the stored answer, if the same request took effect meanwhile. A client may retry while its first request still runs.
     /// The checks of the retry then see the changes of the first request, and may fail because of them.
-    pub async fn or_replay(
-        &self,
-        store: &Store,
-        result: Result<Response, Error>,
-    ) -> Result<Response, Error> {
+    pub async fn or_replay(&self, result: Result<Response, Error>) -> Result<Response, Error> {
         match result {
             Ok(answer) => Ok(answer),
-            Err(error) => self.replay(store).await.ok().flatten().ok_or(error),
+            Err(error) => self.replay().await.ok().flatten().ok_or(error),
         }
     }
 
@@ -169,7 +171,7 @@ impl Submission {
     ///
     /// # Errors
     /// Those of `effect`, [`Error::IdempotencyKeyReused`], [`Error::Store`].
-    pub async fn create<F>(&self, store: &Store, effect: F) -> Result<Response, Error>
+    pub async fn create<F>(&self, effect: F) -> Result<Response, Error>
     where
         F: AsyncFnOnce(&mut Tx) -> Result<StoredResponse, Error>,
     {
@@ -177,7 +179,12 @@ impl Submission {
             tx.act_as(&self.caller.holder);
             effect(tx).await
         };
-        respond(store.create_idempotent(self.scope.as_ref(), effect).await?)
+        respond(
+            self.app
+                .store
+                .create_idempotent(self.scope.as_ref(), effect)
+                .await?,
+        )
     }
 }
 

@@ -111,21 +111,22 @@ pub async fn index(State(app): State<App>) -> Response {
     } else {
         INDEX.to_owned()
     };
+    html(page)
+}
+
+fn html(page: impl IntoResponse) -> Response {
     let headers = [
         (header::CONTENT_TYPE, HTML),
         (header::CONTENT_SECURITY_POLICY, CONTENT_SECURITY_POLICY),
+        (header::CACHE_CONTROL, "no-cache"),
     ];
-    (headers, [(header::CACHE_CONTROL, "no-cache")], page).into_response()
+    (headers, page).into_response()
 }
 
 /// This contract as a page.
 #[utoipa::path(get, path = "/docs", tag = "service", operation_id = "docs", responses((status = 200, description = "A page", body = String, content_type = "text/html")))]
 pub async fn docs() -> Response {
-    let headers = [
-        (header::CONTENT_TYPE, HTML),
-        (header::CONTENT_SECURITY_POLICY, CONTENT_SECURITY_POLICY),
-    ];
-    (headers, [(header::CACHE_CONTROL, "no-cache")], DOCS).into_response()
+    html(DOCS)
 }
 
 /// Scripts and styles of the pages.

@@ -248,6 +248,26 @@ fn internal() -> Problem {
 }
 
 impl Error {
+    /// A path, query or header that cannot be read.
+    pub fn bad_request(code: &'static str, detail: impl Into<String>) -> Self {
+        let detail = detail.into();
+        Self::BadRequest { code, detail }
+    }
+
+    /// A query with a value that is not allowed.
+    pub fn invalid_query(detail: impl Into<String>) -> Self {
+        Self::bad_request("invalid_query", detail)
+    }
+
+    /// A conflict with the current state.
+    pub fn conflict(code: &'static str, detail: impl Into<String>) -> Self {
+        Self::Conflict {
+            code,
+            detail: detail.into(),
+            errors: vec![],
+        }
+    }
+
     fn without_errors(&self) -> Problem {
         let (status, code) = match self {
             Self::NotFound(_) => (404, "not_found"),

@@ -1,7 +1,7 @@
 //! Exports parameter sets to other formats, and imports robots from other formats.
 
 use crate::http::auth::Caller;
-use crate::http::extract::{Id, Query, whole_body};
+use crate::http::extract::{Item, Query, whole_body};
 use crate::http::limits::ComputePermit;
 use crate::http::{App, Error, access, parameter_sets};
 use crate::operations::export::{self, Exported, Source};
@@ -77,9 +77,7 @@ pub struct ImportQuery {
     ), headers(("Kincal-Remaining-Error-Mm" = String, description = "What is lost with beta=refit or format=mastering: mean and max"))))
 )]
 pub async fn get(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
+    Item { app, caller, id }: Item,
     Query(query): Query<ExportQuery>,
 ) -> Result<Response, Error> {
     access::parameter_set(&app, &caller, &id).await?;
@@ -98,18 +96,14 @@ pub async fn get(
     responses((status = 200, description = "The same text with other origins", content((String = "application/xml"))))
 )]
 pub async fn patch_urdf(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
+    Item { app, caller, id }: Item,
     Query(query): Query<PatchQuery>,
     request: Request,
 ) -> Result<Response, Error> {
     access::parameter_set(&app, &caller, &id).await?;
     if query.format != ExportFormat::Urdf {
-        return Err(Error::BadRequest {
-            code: "invalid_query",
-            detail: "only a URDF can be patched: format=urdf; else GET".into(),
-        });
+        let detail = "only a URDF can be patched: format=urdf; else GET";
+        return Err(Error::invalid_query(detail));
     }
     let bytes = whole_body(request, &app).await?;
     let permit = app.limits.compute(caller.class).await?;
@@ -189,14 +183,11 @@ async fn stored(
     let row = access::parameter_set(app, caller, id).await?;
     if row.status == ParameterSetStatus::Withdrawn {
         let reason = row.withdraw_reason.as_deref().unwrap_or_default();
-        return Err(Error::Conflict {
-            code: "parameter_set_withdrawn",
-            detail: format!(
-                "the parameter set was withdrawn ({reason}), and no controller must get it: export the active set. Its numbers stay readable: GET \
-                 /v1/parameter-sets/{id}"
-            ),
-            errors: vec![],
-        });
+        let detail = format!(
+            "the parameter set was withdrawn ({reason}), and no controller must get it: export the active set. Its numbers stay readable: GET \
+             /v1/parameter-sets/{id}"
+        );
+        return Err(Error::conflict("parameter_set_withdrawn", detail));
     }
     let body = access::robot_of_set(app, caller, &row).await?;
     let content = parameter_sets::content(&row)?;

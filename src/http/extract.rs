@@ -1,8 +1,8 @@
 //! Extractors whose errors are problem documents.
 
-use crate::http::Error;
 use crate::http::auth::Caller;
 use crate::http::limits::{BodyBudget, LARGE_BODY_BYTES, Limits, MAX_BODY_BYTES, MIN_BYTES_PER_S};
+use crate::http::{App, Error};
 use crate::wire::{id, json};
 use axum::body::{Body, Bytes};
 use axum::extract::{FromRequestParts, Path, Request};
@@ -49,10 +49,7 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequestParts<S> for Query<T> {
             let detail = text
                 .split_once("query string: ")
                 .map_or(text.as_str(), |(_, cause)| cause);
-            Error::BadRequest {
-                code: "invalid_query",
-                detail: format!("the query: {detail}"),
-            }
+            Error::invalid_query(format!("the query: {detail}"))
         })?;
         Ok(Self(value))
     }
@@ -67,6 +64,28 @@ impl<S: Send + Sync> FromRequestParts<S> for Caller {
             .get::<Self>()
             .cloned()
             .ok_or_else(|| Error::Internal("a route without authorisation".into()))
+    }
+}
+
+/// A request about one item: the state of the server, who asks, and the id in the path.
+pub struct Item {
+    /// The state of the server.
+    pub app: App,
+    /// Who asks.
+    pub caller: Caller,
+    /// The id of the item, in the path.
+    pub id: String,
+}
+
+impl FromRequestParts<App> for Item {
+    type Rejection = Error;
+
+    async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, Error> {
+        Ok(Self {
+            app: app.clone(),
+            caller: Caller::from_request_parts(parts, app).await?,
+            id: Id::from_request_parts(parts, app).await?.0,
+        })
     }
 }
 
@@ -103,10 +122,7 @@ pub async fn whole_body<S: Send + Sync>(request: Request, _: &S) -> Result<Bytes
         .get(header::CONTENT_LENGTH)
         .and_then(|value| value.to_str().ok()?.parse::<usize>().ok());
     if declared.is_some_and(|bytes| bytes > MAX_BODY_BYTES) {
-        return Err(Error::TooLarge {
-            limit: MAX_BODY_BYTES,
-            advice: "split what it holds, a measurement set for instance",
-        });
+        return Err(too_large());
     }
     if let Some(encoding) = headers
         .get(header::CONTENT_ENCODING)
@@ -135,6 +151,13 @@ pub async fn whole_body<S: Send + Sync>(request: Request, _: &S) -> Result<Bytes
         bytes,
         _permits: budget.arrived()?,
     }))
+}
+
+fn too_large() -> Error {
+    Error::TooLarge {
+        limit: MAX_BODY_BYTES,
+        advice: "split what it holds, a measurement set for instance",
+    }
 }
 
 /// Parses a JSON document of at most [`MAX_JSON_BYTES`].
@@ -185,20 +208,15 @@ async fn arrive(
             .await
             .map_err(|_| Error::RequestTimeout)?;
         let Some(frame) = frame else { return Ok(bytes) };
-        let frame = frame.map_err(|error| Error::BadRequest {
-            code: "unreadable_body",
-            detail: error.to_string(),
-        })?;
+        let frame =
+            frame.map_err(|error| Error::bad_request("unreadable_body", error.to_string()))?;
         // Trailers are ignored.
         let Ok(data) = frame.into_data() else {
             continue;
         };
         let length = bytes.len() + data.len();
         if length > MAX_BODY_BYTES {
-            return Err(Error::TooLarge {
-                limit: MAX_BODY_BYTES,
-                advice: "split what it holds, a measurement set for instance",
-            });
+            return Err(too_large());
         }
         budget.grow(length)?;
         bytes.extend_from_slice(&data);

@@ -1,16 +1,14 @@
 //! Base and tool frame from sweeps.
 
-use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
-use crate::http::extract::Id;
-use crate::http::{App, Error, access};
+use crate::http::extract::{Id, Item};
+use crate::http::{Error, access};
 use crate::operations::frames_from_sweeps;
 use crate::store::{FramesRow, NewFrames, Tx, frames};
-use crate::wire::frames::FramesAnswer;
+use crate::wire::frames::{FramesAnswer, FramesContent};
 use crate::wire::robot::Robot;
 use crate::wire::time::rfc3339;
 use axum::Json;
-use axum::extract::State;
 use axum::response::Response;
 
 /// Finds base and tool frame from sweeps of single joints (section 2.2 of the paper).
@@ -20,12 +18,9 @@ use axum::response::Response;
     request_body(description = "As a measurement set in the instrument's frame, plus the column `sweep_joint`", content((String = "text/csv"))),
     responses((status = 201, description = "Base and tool frame", body = FramesAnswer, headers(("Location" = String, description = "Their path"))))
 )]
-pub async fn create(
-    State(app): State<App>,
-    Id(robot_id): Id,
-    submission: Submission,
-) -> Result<Response, Error> {
-    let robot = access::robot_in_use(&app, &submission.caller, &robot_id).await?;
+pub async fn create(Id(robot_id): Id, submission: Submission) -> Result<Response, Error> {
+    let app = &submission.app;
+    let robot = access::robot_in_use(app, &submission.caller, &robot_id).await?;
     if submission.media_type != "text/csv" {
         return Err(submission.unsupported("text/csv"));
     }
@@ -46,10 +41,10 @@ pub async fn create(
         stored_json(
             201,
             Some(format!("/v1/frames/{}", row.id)),
-            &FramesAnswer::try_from(row)?,
+            &FramesAnswer::try_from(&row)?,
         )
     };
-    submission.create(&app.store, effect).await
+    submission.create(effect).await
 }
 
 /// Stored frames.
@@ -57,23 +52,27 @@ pub async fn create(
     get, path = "/v1/frames/{id}", tag = "frames", operation_id = "getFrames", params(("id" = String, Path, description = "The frames")),
     responses((status = 200, description = "Base and tool frame", body = FramesAnswer))
 )]
-pub async fn get(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
-) -> Result<Json<FramesAnswer>, Error> {
-    Ok(Json(access::frames(&app, &caller, &id).await?.try_into()?))
+pub async fn get(Item { app, caller, id }: Item) -> Result<Json<FramesAnswer>, Error> {
+    let row = access::frames(&app, &caller, &id).await?;
+    Ok(Json((&row).try_into()?))
 }
 
-impl TryFrom<FramesRow> for FramesAnswer {
+impl TryFrom<&FramesRow> for FramesAnswer {
     type Error = Error;
 
-    fn try_from(row: FramesRow) -> Result<Self, Error> {
-        Ok(Self::new(
-            row.id,
-            row.robot_id,
-            serde_json::from_str(&row.result_json)?,
-            rfc3339(row.created_at_ms),
-        ))
+    fn try_from(row: &FramesRow) -> Result<Self, Error> {
+        let FramesContent {
+            t_instrument_base,
+            z_tool_mm,
+            circles,
+        } = serde_json::from_str(&row.result_json)?;
+        Ok(Self {
+            id: row.id.clone(),
+            robot_id: row.robot_id.clone(),
+            t_instrument_base,
+            z_tool_mm,
+            circles,
+            created_at: rfc3339(row.created_at_ms),
+        })
     }
 }

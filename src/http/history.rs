@@ -1,7 +1,6 @@
 //! A robot's parameters over time, and the comparison of two parameter sets.
 
-use crate::http::auth::Caller;
-use crate::http::extract::{Id, Query};
+use crate::http::extract::{Item, Query};
 use crate::http::list_query::PlainListQuery;
 use crate::http::{App, Error, access, parameter_sets as answers};
 use crate::jobs::JobInputs;
@@ -9,14 +8,12 @@ use crate::jobs::estimate::stored_estimate;
 use crate::jobs::request::request_of;
 use crate::operations::{self, IdentifiedSet};
 use crate::release::{self, ScoredJob};
-use crate::store::{ParameterSetRow, estimates, jobs, parameter_sets, policies, verifications};
+use crate::store::{ParameterSetRow, jobs, parameter_sets, policies, verifications};
 use crate::wire::Invalid;
-use crate::wire::history::{CompareAnswer, HistoryAnswer, HistoryItem};
+use crate::wire::history::{CompareAnswer, HistoryAnswer, HistoryItem, Trend};
 use crate::wire::parameter_set::ParameterSetAnswer;
 use crate::wire::report_summary::ReportSummary;
-use crate::wire::trend::Trend;
 use axum::Json;
-use axum::extract::State;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use utoipa::IntoParams;
@@ -37,14 +34,11 @@ pub struct CompareQuery {
     responses((status = 200, description = "One page, newest first", body = HistoryAnswer))
 )]
 pub async fn history(
-    State(app): State<App>,
-    caller: Caller,
-    Id(robot_id): Id,
+    Item { app, caller, id }: Item,
     Query(query): Query<PlainListQuery>,
 ) -> Result<Json<HistoryAnswer>, Error> {
-    access::robot(&app, &caller, &robot_id).await?;
-    let found = parameter_sets::search(&app.store, &robot_id, &query.request()?).await?;
-    let (page, total) = (found.page, found.total);
+    access::robot(&app, &caller, &id).await?;
+    let page = parameter_sets::search(&app.store, &id, &query.request()?).await?;
     let permit = app.limits.compute(caller.class).await?;
     let mut items = Vec::with_capacity(page.items.len());
     for row in page.items {
@@ -54,7 +48,7 @@ pub async fn history(
             verify,
             ..
         } = answers::report_summary(&app, &permit, &row.job_id).await?;
-        let answer = ParameterSetAnswer::try_from(row)?;
+        let answer = ParameterSetAnswer::try_from(&row)?;
         items.push(HistoryItem {
             parameter_set_id: answer.id,
             created_at: answer.created_at,
@@ -65,11 +59,11 @@ pub async fn history(
             job_archived_at: answer.job_archived_at,
         });
     }
-    let trend = trend(&app, &robot_id).await?;
+    let trend = trend(&app, &id).await?;
     Ok(Json(HistoryAnswer {
         items,
         next_cursor: page.next_cursor.map(|cursor| cursor.to_string()),
-        total,
+        total: page.total,
         trend,
     }))
 }
@@ -122,9 +116,7 @@ pub(super) async fn session_times(
     responses((status = 200, description = "The differences", body = CompareAnswer))
 )]
 pub async fn compare(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
+    Item { app, caller, id }: Item,
     Query(query): Query<CompareQuery>,
 ) -> Result<Json<CompareAnswer>, Error> {
     let row = access::parameter_set(&app, &caller, &id).await?;
@@ -146,8 +138,8 @@ pub async fn compare(
         JobInputs::load(&app.store, &other.job_id).await?,
     );
     let estimates = (
-        estimates::of_parameter_set(&app.store, &row.id).await?,
-        estimates::of_parameter_set(&app.store, &other.id).await?,
+        parameter_sets::estimate(&app.store, &row.id).await?,
+        parameter_sets::estimate(&app.store, &other.id).await?,
     );
     let compare = move || {
         let own = identified(&row, &inputs.0, estimates.0.as_deref())?;
@@ -170,7 +162,8 @@ fn identified(
         content: answers::content(row)?,
         request,
         uploads_sha256: inputs
-            .uploads()
+            .sets
+            .iter()
             .map(|upload| upload.row.sha256.clone())
             .collect(),
         estimate: estimate.map_err(|_| unreadable())?,

@@ -38,12 +38,7 @@ pub async fn check(State(app): State<App>, request: Request, next: Next) -> Resp
 
 /// The request's host. HTTP/1.0 allows requests without one (RFC 9112, section 3.2); no browser sends them.
 fn host(request: &Request) -> Result<Option<Authority>, Error> {
-    let refused = |code, detail: &str| {
-        Err(Error::BadRequest {
-            code,
-            detail: detail.into(),
-        })
-    };
+    let refused = |code, detail: &str| Err(Error::bad_request(code, detail));
     let mut values = request.headers().get_all(header::HOST).iter();
     match (values.next(), values.next()) {
         (_, Some(_)) => refused(
@@ -83,10 +78,8 @@ fn loopback_only(request: &Request, host: Option<&Authority>) -> Result<(), Erro
         Method::GET | Method::HEAD | Method::OPTIONS
     );
     if host.is_none() && !is_read {
-        return Err(Error::BadRequest {
-            code: "missing_host",
-            detail: "the request has no Host header: send `Host: localhost` and the port".into(),
-        });
+        let detail = "the request has no Host header: send `Host: localhost` and the port";
+        return Err(Error::bad_request("missing_host", detail));
     }
     // The target may name a host, too: `GET http://host/path`.
     if let Some(other) = host

@@ -1,11 +1,10 @@
 //! A job's progress as server-sent events.
 
 use crate::http::auth::{self, Caller};
-use crate::http::extract::Id;
+use crate::http::extract::Item;
 use crate::http::{App, Error, access};
 use crate::store::JobRow;
 use crate::wire::job_answer::{JobAnswer, JobEvent, JobEventName};
-use axum::extract::State;
 use axum::response::sse::{Event, KeepAlive, Sse};
 use std::convert::Infallible;
 use std::time::Duration;
@@ -25,9 +24,7 @@ const KEY_CHECK_INTERVAL: Duration = Duration::from_secs(1);
     responses((status = 200, description = "`event: progress` or `event: finished`, `data:` the job in JSON", body = JobEvent, content_type = "text/event-stream"))
 )]
 pub async fn events(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
+    Item { app, caller, id }: Item,
 ) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>> + use<>>, Error> {
     let row = access::job(&app, &caller, &id).await?;
     let permit = app.limits.waiting()?;
@@ -88,13 +85,13 @@ async fn follow(app: App, caller: Caller, mut row: JobRow, events: mpsc::Sender<
 
 /// Waits until status, attempt or progress of the job has changed. Returns `None` if the database fails.
 async fn changed(app: &App, seen: &JobRow) -> Option<JobRow> {
+    let has_changed = |job: &JobRow| job.has_moved_on(seen);
     loop {
-        let row = app
+        let waited = app
             .signals
-            .wait_for_change(&app.store, seen, KEEP_ALIVE)
-            .await
-            .ok()?;
-        if row.has_moved_on(seen) {
+            .wait_for_change(&app.store, &seen.id, KEEP_ALIVE, has_changed);
+        let row = waited.await.ok()?;
+        if has_changed(&row) {
             return Some(row);
         }
     }

@@ -4,7 +4,7 @@ use crate::calibration::{self, CalibrationRequest};
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
 use crate::http::job_sources::{ResidualSource, Sources, load};
-use crate::http::{App, Error, access};
+use crate::http::{Error, access};
 use crate::jobs::{MeasurementSetInput, queue};
 use crate::release::independence::{is_independent_of_training, is_of_other_uploads};
 use crate::store::{NetworkWeights, NewJob, ParameterSetRow, Tx};
@@ -15,7 +15,6 @@ use crate::wire::measurement::MeasurementSet;
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::robot::Robot;
 use crate::wire::safetensors;
-use axum::extract::State;
 use axum::response::Response;
 
 /// The networks that a job starts from.
@@ -30,16 +29,13 @@ struct Chosen {
     params(("robot_id" = String, Path, description = "The robot")), request_body = JobRequestBody,
     responses((status = 202, description = "The job, queued", body = JobAnswer, headers(("Location" = String, description = "Its path"))))
 )]
-pub async fn create(
-    State(app): State<App>,
-    Id(robot_id): Id,
-    submission: Submission,
-) -> Result<Response, Error> {
-    access::robot(&app, &submission.caller, &robot_id).await?;
+pub async fn create(Id(robot_id): Id, submission: Submission) -> Result<Response, Error> {
+    let app = &submission.app;
+    access::robot(app, &submission.caller, &robot_id).await?;
     let request = parse_request(&submission)?;
     // The permit is taken before the uploads are read, so that waiting requests hold no upload in memory.
     let permit = app.limits.compute(submission.caller.class).await?;
-    let sources = load(&app, &submission.caller, &robot_id, &request).await?;
+    let sources = load(app, &submission.caller, &robot_id, &request).await?;
     let mut new = new_job(&request, &sources, &submission.caller.holder)?;
     let chosen = permit.run(move || check(&request, sources)).await?;
     (new.network_input_id, new.residual_network_input_id) =
@@ -52,7 +48,7 @@ pub async fn create(
             &JobAnswer::try_from(&row)?,
         )
     };
-    let answer = submission.create(&app.store, effect).await?;
+    let answer = submission.create(effect).await?;
     app.signals.job_enqueued();
     Ok(answer)
 }
@@ -74,12 +70,7 @@ fn new_job(request: &JobRequestBody, sources: &Sources, client: &str) -> Result<
     Ok(NewJob {
         robot_id: sources.robot.id.clone(),
         robot_version: sources.robot.version,
-        measurement_set_id: sources.set.row.id.clone(),
-        further_set_ids: sources
-            .further_sets
-            .iter()
-            .map(|set| set.row.id.clone())
-            .collect(),
+        set_ids: sources.sets.iter().map(|set| set.row.id.clone()).collect(),
         verify_set_id: sources.verify_set.as_ref().map(|set| set.row.id.clone()),
         frames_id: request.frames_id.clone(),
         network_input_id: None,
@@ -149,12 +140,7 @@ fn check(request: &JobRequestBody, sources: Sources) -> Result<Chosen, Error> {
     let n_joints = robot.links.len();
     let parse = |source: &MeasurementSetInput| source.parse(n_joints).map_err(Error::Invalid);
     let parts = JobParts {
-        set: parse(&sources.set)?,
-        further_sets: sources
-            .further_sets
-            .iter()
-            .map(parse)
-            .collect::<Result<_, _>>()?,
+        sets: sources.sets.iter().map(parse).collect::<Result<_, _>>()?,
         verify_set: sources.verify_set.as_ref().map(parse).transpose()?,
         frames: sources.frames.as_ref().map(Into::into),
         network: None,
@@ -197,8 +183,9 @@ fn check(request: &JobRequestBody, sources: Sources) -> Result<Chosen, Error> {
             }
         }
     }
-    let sets_sha256: Vec<&str> = std::iter::once(&sources.set)
-        .chain(&sources.further_sets)
+    let sets_sha256: Vec<&str> = sources
+        .sets
+        .iter()
         .chain(&sources.verify_set)
         .map(|set| set.row.sha256.as_str())
         .collect();

@@ -2,7 +2,7 @@
 
 use crate::calibration;
 use crate::http::auth::Caller;
-use crate::http::{App, Error, access, several_sessions};
+use crate::http::{App, Error, access};
 use crate::jobs::MeasurementSetInput;
 use crate::release::facts::UNUSABLE_FIT;
 use crate::store::jobs as stored;
@@ -14,7 +14,7 @@ use crate::wire::frames::FramesContent;
 use crate::wire::id;
 use crate::wire::issue::Invalid;
 use crate::wire::job::{JobRequestBody, Kind, Method, VerifyBody};
-use crate::wire::measurement::{Frame, MAX_UPLOAD_BYTES};
+use crate::wire::measurement::{Frame, MAX_POINTS, MAX_UPLOAD_BYTES};
 use crate::wire::network::NetworkKind;
 use crate::wire::parameter_set::ParameterSetStatus;
 use crate::wire::safetensors::NetworkMetadata;
@@ -29,10 +29,8 @@ const MAX_RESIDUAL_NETWORKS: i64 = 3;
 pub struct Sources {
     /// The robot.
     pub robot: RobotRow,
-    /// The measurement set to identify from, or to score; with several sessions, the first.
-    pub set: MeasurementSetInput,
-    /// The measurement sets of further sessions.
-    pub further_sets: Vec<MeasurementSetInput>,
+    /// The measurement sets to identify from, or to score: one for each session.
+    pub sets: Vec<MeasurementSetInput>,
     /// Another upload to verify on.
     pub verify_set: Option<MeasurementSetInput>,
     /// Base and tool frame from sweeps.
@@ -91,18 +89,16 @@ pub async fn load(
             return Err(held_is_withdrawn(&set.id));
         }
     }
-    several_sessions::check(request, &sets)?;
-    let mut sets = with_bytes(app, sets).await?.into_iter();
-    let set = sets.next().ok_or(store::Error::NotFound)?;
-    let further_sets: Vec<_> = sets.collect();
+    check_sessions(request, &sets)?;
+    let sets = with_bytes(app, sets).await?;
+    let first = &sets.first().ok_or(store::Error::NotFound)?.row;
     let (networks, residual_networks, scored_frame) = tokio::join!(
-        networks(app, &robot, request, &set.row),
-        residual_networks(app, &robot, request, &set.row),
+        networks(app, &robot, request, first),
+        residual_networks(app, &robot, request, first),
         scored_frame(app, request, parameter_set.as_ref())
     );
     Ok(Sources {
-        set,
-        further_sets,
+        sets,
         verify_set,
         frames,
         networks: networks?,
@@ -229,21 +225,15 @@ async fn parameter_set(
 }
 
 fn no_released_set() -> Error {
-    Error::Conflict {
-        code: "no_active_parameter_set",
-        detail: "a check says whether the released set still holds, and this robot has none: release one, or name a candidate in parameter_set_id".into(),
-        errors: vec![],
-    }
+    let detail = "a check says whether the released set still holds, and this robot has none: release one, or name a candidate in parameter_set_id";
+    Error::conflict("no_active_parameter_set", detail)
 }
 
 fn held_is_withdrawn(id: &str) -> Error {
-    Error::Conflict {
-        code: "parameter_set_withdrawn",
-        detail: format!(
-            "the parameter set {id} was withdrawn, and what is identified here would keep its values: identify all parameters, or name another set"
-        ),
-        errors: vec![],
-    }
+    let detail = format!(
+        "the parameter set {id} was withdrawn, and what is identified here would keep its values: identify all parameters, or name another set"
+    );
+    Error::conflict("parameter_set_withdrawn", detail)
 }
 
 /// Refuses a parameter set that is archived, or that was identified with another joint map.
@@ -252,14 +242,11 @@ fn check_parameter_set(set: &ParameterSetRow, robot: &RobotRow) -> Result<(), Er
         return Err(access::archived("parameter set", &set.id));
     }
     if set.joint_map_version != robot.joint_map_version {
-        return Err(Error::Conflict {
-            code: "joint_map_changed",
-            detail: format!(
-                "the parameter set {} was identified with a joint map that the robot no longer has: identify anew from its upload",
-                set.id
-            ),
-            errors: vec![],
-        });
+        let detail = format!(
+            "the parameter set {} was identified with a joint map that the robot no longer has: identify anew from its upload",
+            set.id
+        );
+        return Err(Error::conflict("joint_map_changed", detail));
     }
     Ok(())
 }
@@ -357,9 +344,8 @@ async fn residual_networks(
     for network in found {
         let row = networks::get(&app.store, &network.id).await?;
         let job = stored::get(&app.store, &row.job_id).await?;
-        let (first, further) = MeasurementSetInput::read_of(&app.store, &job).await?;
         sources.push(ResidualSource {
-            sets: std::iter::once(first).chain(further).collect(),
+            sets: MeasurementSetInput::read_of(&app.store, &job).await?,
             trained_on_sha256: uploads_trained_on(app, &network.id).await?,
             id: network.id,
             weights: network.weights,
@@ -401,4 +387,45 @@ pub fn require_own<T>(
         Ok(_) | Err(crate::store::Error::NotFound) => Err(id::unknown(at, what).into()),
         Err(error) => Err(error.into()),
     }
+}
+
+/// Refuses sets that cannot be fitted together: of different frames, with different serial numbers, or too many points in all.
+///
+/// # Errors
+/// [`Invalid`]: `mixed_frames`, `robot_mismatch`, `too_many_points`.
+fn check_sessions(request: &JobRequestBody, sets: &[MeasurementSetRow]) -> Result<(), Invalid> {
+    let [first, further @ ..] = sets else {
+        return Ok(());
+    };
+    let stated = sets.iter().find_map(|set| set.serial_number.as_ref());
+    for (place, set) in (1..).zip(further) {
+        let at = request.set_pointer(place);
+        if set.frame != first.frame {
+            let detail = format!(
+                "this set is in the frame {} and the first in the frame {}: fit sessions of one frame together, or upload this one in the other frame",
+                set.frame.as_str(),
+                first.frame.as_str()
+            );
+            return Err(Invalid::at(&at, "mixed_frames", detail));
+        }
+        let own = set.serial_number.as_ref().zip(stated);
+        if let Some((own, other)) = own.filter(|(own, other)| own != other) {
+            let detail = format!(
+                "this set was uploaded for the serial number {own:?} and an earlier one for {other:?}: two robots are never fitted together, leave one out"
+            );
+            return Err(Invalid::at(&at, "robot_mismatch", detail));
+        }
+    }
+    let n_points: i64 = sets.iter().map(|set| set.n_points).sum();
+    if sets.len() > 1 && n_points > MAX_POINTS as i64 {
+        let detail = format!(
+            "{n_points} points in all; {MAX_POINTS} are allowed in one job: leave sessions out"
+        );
+        return Err(Invalid::at(
+            "/measurement_set_ids",
+            "too_many_points",
+            detail,
+        ));
+    }
+    Ok(())
 }

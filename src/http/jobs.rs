@@ -1,14 +1,16 @@
 //! Jobs: status, report, cancellation.
 
 use crate::http::auth::Caller;
-use crate::http::extract::{Id, Query};
-use crate::http::list_query::{AllJobsQuery, JobListQuery};
+use crate::http::extract::{Item, Query};
+use crate::http::list_query::{AllJobsQuery, JobListQuery, list_of_robot};
 use crate::http::{App, Error, access};
 use crate::jobs::queue;
 use crate::store::{self, JobRow, jobs};
+use crate::wire::job::JobRequestBody;
 use crate::wire::job_answer::JobAnswer;
 use crate::wire::page::Page;
 use crate::wire::report_shape::{Convergence, Report};
+use crate::wire::time::rfc3339;
 use axum::Json;
 use axum::extract::State;
 use axum::http::header;
@@ -37,22 +39,9 @@ impl WaitQuery {
     }
 }
 
-/// A robot's jobs.
-#[utoipa::path(
-    get, path = "/v1/robots/{robot_id}/jobs", tag = "jobs", operation_id = "listJobs",
-    params(("robot_id" = String, Path, description = "The robot"), JobListQuery),
-    responses((status = 200, description = "One page", body = Page<JobAnswer>))
-)]
-pub async fn list(
-    State(app): State<App>,
-    caller: Caller,
-    Id(robot_id): Id,
-    Query(query): Query<JobListQuery>,
-) -> Result<Json<Page<JobAnswer>>, Error> {
-    access::robot(&app, &caller, &robot_id).await?;
-    let found = jobs::search(&app.store, &robot_id, &query.request()?).await?;
-    let convert = |row| JobAnswer::try_from(&row);
-    Ok(Json(found.page.into_answer(found.total, convert)?))
+list_of_robot! {
+    /// A robot's jobs.
+    list: "/v1/robots/{robot_id}/jobs" "jobs" "listJobs", JobListQuery JobAnswer, jobs::search
 }
 
 /// The jobs of all robots that the key may see.
@@ -72,8 +61,7 @@ pub async fn list_all(
         }
         None => jobs::search_all(&app.store, caller.robots.as_deref(), &query.request()?).await?,
     };
-    let convert = |row| JobAnswer::try_from(&row);
-    Ok(Json(found.page.into_answer(found.total, convert)?))
+    Ok(Json(found.into_answer()?))
 }
 
 /// A job. With `wait_s` the answer comes when the status changes or the job ends, at the latest after `wait_s` seconds.
@@ -82,17 +70,13 @@ pub async fn list_all(
     responses((status = 200, description = "The job", body = JobAnswer))
 )]
 pub async fn get(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
+    Item { app, caller, id }: Item,
     Query(query): Query<WaitQuery>,
 ) -> Result<Json<JobAnswer>, Error> {
     let wait_s = query.wait_s.unwrap_or(0);
     if wait_s > MAX_WAIT_S {
-        return Err(Error::BadRequest {
-            code: "invalid_query",
-            detail: format!("wait_s is {wait_s}; 0 to {MAX_WAIT_S} is allowed"),
-        });
+        let detail = format!("wait_s is {wait_s}; 0 to {MAX_WAIT_S} is allowed");
+        return Err(Error::invalid_query(detail));
     }
     let _permit = query.waits().then(|| app.limits.waiting()).transpose()?;
     let row = access::job(&app, &caller, &id).await?;
@@ -106,8 +90,9 @@ pub async fn get(
 
 /// Returns the job when its status changes, the time is over, or the server stops.
 async fn wait(app: &App, row: JobRow, timeout: Duration) -> Result<JobRow, store::Error> {
+    let has_changed = |job: &JobRow| job.status != row.status;
     tokio::select! {
-        changed = app.signals.wait_for_status_change(&app.store, &row.id, row.status, timeout) => changed,
+        changed = app.signals.wait_for_change(&app.store, &row.id, timeout, has_changed) => changed,
         () = app.stopped() => jobs::get(&app.store, &row.id).await,
     }
 }
@@ -117,11 +102,7 @@ async fn wait(app: &App, row: JobRow, timeout: Duration) -> Result<JobRow, store
     post, path = "/v1/jobs/{id}/cancel", tag = "jobs", operation_id = "cancelJob", params(("id" = String, Path, description = "The job")),
     responses((status = 200, description = "The job", body = JobAnswer))
 )]
-pub async fn cancel(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
-) -> Result<Json<JobAnswer>, Error> {
+pub async fn cancel(Item { app, caller, id }: Item) -> Result<Json<JobAnswer>, Error> {
     access::job(&app, &caller, &id).await?;
     let _permit = app.limits.compute(caller.class).await?;
     Ok(Json(JobAnswer::try_from(
@@ -134,7 +115,7 @@ pub async fn cancel(
     get, path = "/v1/jobs/{id}/report", tag = "jobs", operation_id = "getReport", params(("id" = String, Path, description = "The job")),
     responses((status = 200, description = "The report", body = Report))
 )]
-pub async fn report(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Response, Error> {
+pub async fn report(Item { app, caller, id }: Item) -> Result<Response, Error> {
     let _permit = app.limits.compute(caller.class).await?;
     access::job(&app, &caller, &id).await?;
     Ok(stored(jobs::report(&app.store, &id).await?))
@@ -145,11 +126,7 @@ pub async fn report(State(app): State<App>, caller: Caller, Id(id): Id) -> Resul
     get, path = "/v1/jobs/{id}/convergence", tag = "jobs", operation_id = "getConvergence", params(("id" = String, Path, description = "The job")),
     responses((status = 200, description = "The curve", body = Convergence))
 )]
-pub async fn convergence(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
-) -> Result<Response, Error> {
+pub async fn convergence(Item { app, caller, id }: Item) -> Result<Response, Error> {
     let _permit = app.limits.compute(caller.class).await?;
     access::job(&app, &caller, &id).await?;
     Ok(stored(jobs::convergence(&app.store, &id).await?))
@@ -157,4 +134,46 @@ pub async fn convergence(
 
 fn stored(json: String) -> Response {
     ([(header::CONTENT_TYPE, "application/json")], json).into_response()
+}
+
+impl TryFrom<&JobRow> for JobAnswer {
+    type Error = Error;
+
+    fn try_from(row: &JobRow) -> Result<Self, Error> {
+        let request: JobRequestBody = serde_json::from_str(&row.request_json)?;
+        Ok(Self {
+            id: row.id.clone(),
+            robot_id: row.robot_id.clone(),
+            measurement_set_id: row.measurement_set_id.clone(),
+            kind: request.kind,
+            method: request.method,
+            request,
+            status: row.status,
+            attempt: u32::try_from(row.attempt).unwrap_or(u32::MAX),
+            progress: row
+                .progress_json
+                .as_deref()
+                .map(serde_json::from_str)
+                .transpose()?,
+            error: row
+                .error_json
+                .as_deref()
+                .map(serde_json::from_str)
+                .transpose()?,
+            parameter_set_from: row.parameter_set_input_id.clone(),
+            parameter_set_id: row.parameter_set_id.clone(),
+            network_id: row.network_id.clone(),
+            residual_network_from: row.residual_network_input_id.clone(),
+            residual_network_id: row.residual_network_id.clone(),
+            created_at: rfc3339(row.created_at_ms),
+            started_at: row.started_at_ms.map(rfc3339),
+            finished_at: row.finished_at_ms.map(rfc3339),
+            robot_version: (row.robot_version > 1).then_some(row.robot_version),
+            archived_at: row.archived_at_ms.map(rfc3339),
+            measurement_set_name: row.measurement_set_name.clone(),
+            nominal_rms_mm: row.before_rms_mm,
+            rms_mm: row.after_rms_mm,
+            finding: row.finding,
+        })
+    }
 }

@@ -1,7 +1,7 @@
 //! Queries of lists: page, order and filters.
 
 use crate::http::Error;
-use crate::store::{Cursor, ListRequest, PageRequest};
+use crate::store::{Cursor, ListRequest};
 use crate::wire::job::Kind;
 use crate::wire::job_answer::JobStatus;
 use crate::wire::page::{ArchivedFilter, DEFAULT_PAGE, MAX_PAGE, Sort};
@@ -12,56 +12,55 @@ use utoipa::IntoParams;
 /// Longest text to search for, characters: that of the longest name.
 const MAX_SEARCH: usize = 200;
 
-fn invalid(detail: String) -> Error {
-    Error::BadRequest {
-        code: "invalid_query",
-        detail,
-    }
-}
-
-/// The part of the store's request that all lists have in common.
-fn common(
+/// The store's request, if it can be answered. `has_names` is true if the items of the list have names.
+fn checked(
+    request: ListRequest,
     limit: Option<u32>,
     cursor: Option<&str>,
-    archived: Option<ArchivedFilter>,
-    sort: Option<Sort>,
     has_names: bool,
 ) -> Result<ListRequest, Error> {
-    let limit = limit.unwrap_or(DEFAULT_PAGE);
-    if !(1..=MAX_PAGE).contains(&limit) {
-        return Err(invalid(format!(
-            "limit is {limit}; 1 to {MAX_PAGE} is allowed"
-        )));
-    }
-    let invalid_cursor = |detail: String| Error::BadRequest {
-        code: "invalid_cursor",
-        detail,
-    };
+    let invalid_cursor = |detail| Error::bad_request("invalid_cursor", detail);
     let cursor = cursor.map(str::parse::<Cursor>).transpose();
     let cursor =
         cursor.map_err(|e| invalid_cursor(format!("{e}: pass next_cursor on as it is")))?;
     let request = ListRequest {
-        page: PageRequest { limit, cursor },
-        sort: sort.unwrap_or_default(),
-        archived: archived.unwrap_or_default(),
-        ..ListRequest::default()
+        limit: checked_limit(limit)?,
+        cursor,
+        ..request
     };
+    if request.search.chars().count() > MAX_SEARCH || request.search.contains('\0') {
+        return Err(Error::invalid_query(format!(
+            "search has at most {MAX_SEARCH} characters, none of them U+0000"
+        )));
+    }
     if request.sort.is_by_name() && !has_names {
-        return Err(invalid(
-            "items of this list have no names: sort by created_at or -created_at".into(),
-        ));
+        let detail = "items of this list have no names: sort by created_at or -created_at";
+        return Err(Error::invalid_query(detail));
     }
     if !request.is_consistent() {
-        return Err(invalid_cursor(
-            "the cursor belongs to another order of the list: start without a cursor".into(),
-        ));
+        let detail =
+            "the cursor belongs to another order of the list: start without a cursor".to_owned();
+        return Err(invalid_cursor(detail));
     }
     Ok(request)
 }
 
-/// Makes the query of a list that can be sorted: the common fields, and its own fields.
+/// The number of items on a page.
+pub fn checked_limit(limit: Option<u32>) -> Result<u32, Error> {
+    match limit.unwrap_or(DEFAULT_PAGE) {
+        limit @ 1..=MAX_PAGE => Ok(limit),
+        limit => {
+            let detail = format!("limit is {limit}; 1 to {MAX_PAGE} is allowed");
+            Err(Error::invalid_query(detail))
+        }
+    }
+}
+
+/// Makes the query of a list that can be sorted: the common fields, and its own. A field of its own may have the value of this field in the
+/// store's request.
 macro_rules! list_query {
-    ($(#[$about:meta])+ $name:ident, order: $order:tt, has_names: $has_names:tt, { $($own:tt)* }) => {
+    ($(#[$about:meta])+ $name:ident, order: $order:tt, has_names: $has_names:tt,
+     { $($(#[$meta:meta])+ $visible:vis $own:ident: $type:ty $(=> $value:expr)?,)* }) => {
         $(#[$about])+
         #[derive(Debug, Default, Deserialize, IntoParams)]
         #[serde(deny_unknown_fields)]
@@ -78,12 +77,21 @@ macro_rules! list_query {
             #[doc = $order]
             #[param(inline)]
             sort: Option<Sort>,
-            $($own)*
+            $($(#[$meta])+ $visible $own: $type,)*
         }
 
         impl $name {
-            fn common(&self) -> Result<ListRequest, Error> {
-                common(self.limit, self.cursor.as_deref(), self.archived, self.sort, $has_names)
+            /// The store's request.
+            #[allow(unused_variables)] // a field that is not part of the request
+            pub fn request(self) -> Result<ListRequest, Error> {
+                let Self { limit, cursor, archived, sort, $($own),* } = self;
+                let request = ListRequest {
+                    archived: archived.unwrap_or_default(),
+                    sort: sort.unwrap_or_default(),
+                    $($($own: $value,)?)*
+                    ..ListRequest::all()
+                };
+                checked(request, limit, cursor.as_deref(), $has_names)
             }
         }
     };
@@ -104,7 +112,12 @@ pub struct NewestListQuery {
 impl NewestListQuery {
     /// The store's request.
     pub fn request(&self) -> Result<ListRequest, Error> {
-        common(self.limit, self.cursor.as_deref(), None, None, false)
+        checked(
+            ListRequest::all(),
+            self.limit,
+            self.cursor.as_deref(),
+            false,
+        )
     }
 }
 
@@ -113,33 +126,12 @@ list_query! {
     PlainListQuery, order: "Order: `-created_at` (default) or `created_at`.", has_names: false, {}
 }
 
-impl PlainListQuery {
-    /// The store's request.
-    pub fn request(&self) -> Result<ListRequest, Error> {
-        self.common()
-    }
-}
-
 list_query! {
     /// Query of a list of items with names.
     NamedListQuery, order: "Order: `-created_at` (default), `created_at`, `name` or `-name`.", has_names: true, {
         /// Text in the name, or for robots in the name or the serial number. Upper and lower case are the same.
         #[param(max_length = 200)]
-        search: Option<String>,
-    }
-}
-
-impl NamedListQuery {
-    /// The store's request.
-    pub fn request(self) -> Result<ListRequest, Error> {
-        let common = self.common();
-        let search = self.search.unwrap_or_default();
-        if search.chars().count() > MAX_SEARCH || search.contains('\0') {
-            return Err(invalid(format!(
-                "search has at most {MAX_SEARCH} characters, none of them U+0000"
-            )));
-        }
-        Ok(ListRequest { search, ..common? })
+        search: Option<String> => search.unwrap_or_default(),
     }
 }
 
@@ -148,17 +140,7 @@ list_query! {
     ParameterSetListQuery, order: "Order: `-created_at` (default) or `created_at`.", has_names: false, {
         /// Only parameter sets with this status.
         #[param(inline)]
-        status: Option<ParameterSetStatus>,
-    }
-}
-
-impl ParameterSetListQuery {
-    /// The store's request.
-    pub fn request(&self) -> Result<ListRequest, Error> {
-        Ok(ListRequest {
-            status: self.status.map_or("", ParameterSetStatus::as_str),
-            ..self.common()?
-        })
+        status: Option<ParameterSetStatus> => status.map_or("", ParameterSetStatus::as_str),
     }
 }
 
@@ -167,17 +149,10 @@ list_query! {
     JobListQuery, order: "Order: `-created_at` (default) or `created_at`.", has_names: false, {
         /// Only jobs with this status.
         #[param(inline)]
-        status: Option<JobStatus>,
+        status: Option<JobStatus> => status.map_or("", JobStatus::as_str),
         /// Only jobs of this kind.
         #[param(inline)]
-        kind: Option<Kind>,
-    }
-}
-
-impl JobListQuery {
-    /// The store's request.
-    pub fn request(&self) -> Result<ListRequest, Error> {
-        Ok(of_jobs(self.status, self.kind, self.common()?))
+        kind: Option<Kind> => kind.map_or("", Kind::as_str),
     }
 }
 
@@ -186,26 +161,33 @@ list_query! {
     AllJobsQuery, order: "Order: `-created_at` (default) or `created_at`.", has_names: false, {
         /// Only jobs with this status.
         #[param(inline)]
-        status: Option<JobStatus>,
+        status: Option<JobStatus> => status.map_or("", JobStatus::as_str),
         /// Only jobs of this kind.
         #[param(inline)]
-        kind: Option<Kind>,
+        kind: Option<Kind> => kind.map_or("", Kind::as_str),
         /// Only jobs of this robot.
         pub robot_id: Option<String>,
     }
 }
 
-impl AllJobsQuery {
-    /// The store's request, for the jobs of one robot or of all.
-    pub fn request(&self) -> Result<ListRequest, Error> {
-        Ok(of_jobs(self.status, self.kind, self.common()?))
-    }
+/// Makes the handler of a robot's list: its documentation, name, path, tag and operation, the query, the shape of an item, and the function of the
+/// store, with the kind of documents if it lists several kinds.
+macro_rules! list_of_robot {
+    ($(#[$doc:meta])+ $name:ident: $path:tt $tag:tt $operation:tt, $query:ident $item:ident, $list:path $(, $kind:expr)?) => {
+        $(#[$doc])+
+        #[utoipa::path(
+            get, path = $path, tag = $tag, operation_id = $operation,
+            params(("robot_id" = String, Path, description = "The robot"), $query),
+            responses((status = 200, description = "One page", body = Page<$item>))
+        )]
+        pub async fn $name(
+            $crate::http::extract::Item { app, caller, id }: $crate::http::extract::Item,
+            $crate::http::extract::Query(query): $crate::http::extract::Query<$query>,
+        ) -> Result<axum::Json<Page<$item>>, $crate::http::Error> {
+            $crate::http::access::robot(&app, &caller, &id).await?;
+            let found = $list(&app.store, &id, $($kind,)? &query.request()?).await?;
+            Ok(axum::Json(found.into_answer()?))
+        }
+    };
 }
-
-fn of_jobs(status: Option<JobStatus>, kind: Option<Kind>, common: ListRequest) -> ListRequest {
-    ListRequest {
-        status: status.map_or("", JobStatus::as_str),
-        kind: kind.map_or("", Kind::as_str),
-        ..common
-    }
-}
+pub(super) use list_of_robot;

@@ -2,11 +2,10 @@
 
 use crate::calibration::reference::ScaleAtReach;
 use crate::calibration::{instrument_scale, upload_checks};
-use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
-use crate::http::extract::{Id, Query};
+use crate::http::extract::{Id, Item, Query};
 use crate::http::limits::ComputePermit;
-use crate::http::list_query::NamedListQuery;
+use crate::http::list_query::{NamedListQuery, list_of_robot};
 use crate::http::table_upload::{refuse_other_types, stated_columns, table_type};
 use crate::http::upload_check::{self, Misfit};
 use crate::http::{App, Error, access, references};
@@ -33,7 +32,6 @@ use crate::wire::understood::Reading;
 use crate::wire::{Invalid, canonical, json};
 use axum::Json;
 use axum::body::Bytes;
-use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
@@ -147,12 +145,12 @@ impl Parsed {
     responses((status = 201, description = "The stored set, as it was parsed", body = SetSummary, headers(("Location" = String, description = "Its path"))))
 )]
 pub async fn create(
-    State(app): State<App>,
     Id(robot_id): Id,
     Query(query): Query<UploadQuery>,
     submission: Submission,
 ) -> Result<Response, Error> {
-    let robot = access::robot_in_use(&app, &submission.caller, &robot_id).await?;
+    let app = &submission.app;
+    let robot = access::robot_in_use(app, &submission.caller, &robot_id).await?;
     refuse_other_types(&submission)?;
     let (robot, bytes) = (access::robot_body(&robot)?, submission.body.clone());
     let mut content_type = content_type(&submission, query.decimal);
@@ -163,10 +161,10 @@ pub async fn create(
         }
         content_type = with_rotation(&content_type, convention);
     }
-    let columns = stated_columns(&app, &robot_id, query.columns.as_deref()).await?;
+    let columns = stated_columns(app, &robot_id, query.columns.as_deref()).await?;
     let insist = query.insist;
     let reference = match query.reference.as_deref() {
-        Some(name) => Some(references::named(&app, &robot_id, name).await?),
+        Some(name) => Some(references::named(app, &robot_id, name).await?),
         None => None,
     };
     let links = Robot::try_from(&robot)?.links;
@@ -185,7 +183,7 @@ pub async fn create(
     if let Some(misfit) = upload.misfit.take() {
         let unread = upload.reading.as_ref().and_then(Reading::unread_labels);
         let caller = &submission.caller;
-        let kept = upload_check::diagnose(&app, caller, &robot_id, misfit, insist, unread).await?;
+        let kept = upload_check::diagnose(app, caller, &robot_id, misfit, insist, unread).await?;
         upload.keep(kept);
     }
     let sha256 = canonical::sha256_hex(&submission.body);
@@ -220,7 +218,7 @@ pub async fn create(
             &SetSummary::try_from(&row)?,
         )
     };
-    submission.create(&app.store, effect).await
+    submission.create(effect).await
 }
 
 /// Content type that is stored with the bytes, with the decimal mark that the query declared.
@@ -362,22 +360,9 @@ fn check_serial_number(robot: &RobotBody, stated: Option<&str>) -> Result<(), Er
     }
 }
 
-/// A robot's measurement sets.
-#[utoipa::path(
-    get, path = "/v1/robots/{robot_id}/measurement-sets", tag = "measurement sets", operation_id = "listMeasurementSets",
-    params(("robot_id" = String, Path, description = "The robot"), NamedListQuery),
-    responses((status = 200, description = "One page", body = Page<SetSummary>))
-)]
-pub async fn list(
-    State(app): State<App>,
-    caller: Caller,
-    Id(robot_id): Id,
-    Query(query): Query<NamedListQuery>,
-) -> Result<Json<Page<SetSummary>>, Error> {
-    access::robot(&app, &caller, &robot_id).await?;
-    let found = measurement_sets::search(&app.store, &robot_id, &query.request()?).await?;
-    let convert = |row| SetSummary::try_from(&row);
-    Ok(Json(found.page.into_answer(found.total, convert)?))
+list_of_robot! {
+    /// A robot's measurement sets.
+    list: "/v1/robots/{robot_id}/measurement-sets" "measurement sets" "listMeasurementSets", NamedListQuery SetSummary, measurement_sets::search
 }
 
 /// A measurement set.
@@ -386,14 +371,9 @@ pub async fn list(
     params(("id" = String, Path, description = "The set")),
     responses((status = 200, description = "The summary", body = SetSummary))
 )]
-pub async fn get(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
-) -> Result<Json<SetSummary>, Error> {
-    Ok(Json(SetSummary::try_from(
-        &access::measurement_set(&app, &caller, &id).await?,
-    )?))
+pub async fn get(Item { app, caller, id }: Item) -> Result<Json<SetSummary>, Error> {
+    let row = access::measurement_set(&app, &caller, &id).await?;
+    Ok(Json((&row).try_into()?))
 }
 
 /// The uploaded bytes, in their own content type.
@@ -402,7 +382,7 @@ pub async fn get(
     params(("id" = String, Path, description = "The set")),
     responses((status = 200, description = "What was uploaded, byte for byte", content((String = "text/csv"), (MeasurementSetBody = "application/json"), (FileBytes = "multipart/form-data"))))
 )]
-pub async fn points(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Response, Error> {
+pub async fn points(Item { app, caller, id }: Item) -> Result<Response, Error> {
     let _permit = app.limits.compute(caller.class).await?;
     let row = access::measurement_set(&app, &caller, &id).await?;
     let body = measurement_sets::body(&app.store, &id).await?;

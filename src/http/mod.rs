@@ -42,14 +42,12 @@ mod table_upload;
 mod upload_check;
 
 // Jobs and what they found.
-mod job_answer;
 mod job_events;
 mod job_posting;
 mod job_sources;
 mod jobs;
 mod networks;
 mod report_html;
-mod several_sessions;
 
 // Parameter sets and computations with them.
 mod compensate;
@@ -63,7 +61,6 @@ mod release;
 // The service itself.
 mod archive;
 mod dashboard;
-mod me;
 mod metrics;
 
 pub use app::App;

@@ -2,11 +2,9 @@
 
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
-use crate::http::list_query::NewestListQuery;
 use crate::http::{App, Error, access};
 use crate::store::named_documents::{self, NamedDocumentKind, NewNamedDocument};
 use crate::store::{self, NamedDocumentRow, StoredResponse, Tx};
-use crate::wire::page::Page;
 use axum::Json;
 use axum::response::Response;
 use serde::Serialize;
@@ -15,19 +13,6 @@ use serde::Serialize;
 pub trait DocumentAnswer: for<'r> TryFrom<&'r NamedDocumentRow, Error = Error> + Serialize {
     /// The kind.
     const KIND: NamedDocumentKind;
-}
-
-/// One page of a robot's documents of a kind.
-pub async fn list<A: DocumentAnswer>(
-    app: &App,
-    caller: &Caller,
-    robot_id: &str,
-    query: NewestListQuery,
-) -> Result<Json<Page<A>>, Error> {
-    access::robot(app, caller, robot_id).await?;
-    let found = named_documents::list(&app.store, robot_id, A::KIND, &query.request()?).await?;
-    let convert = |row| A::try_from(&row);
-    Ok(Json(found.page.into_answer(found.total, convert)?))
 }
 
 /// The newest version of a document.
@@ -44,7 +29,6 @@ pub async fn get<A: DocumentAnswer>(
 
 /// Stores the checked body of a request as the new version of a document. `answer` makes the response.
 pub async fn store<A: DocumentAnswer>(
-    app: &App,
     robot_id: &str,
     name: &str,
     submission: &Submission,
@@ -62,19 +46,18 @@ pub async fn store<A: DocumentAnswer>(
         let row = named_documents::insert(tx, new).await?;
         answer(&A::try_from(&row)?)
     };
-    submission.create(&app.store, effect).await
+    submission.create(effect).await
 }
 
 /// As [`store`], for a document whose path is known to the client.
 pub async fn put<A: DocumentAnswer>(
-    app: &App,
     robot_id: &str,
     name: &str,
     submission: &Submission,
     body: impl Serialize,
 ) -> Result<Response, Error> {
     let answer = |stored: &A| stored_json(200, None, stored);
-    store(app, robot_id, name, submission, body, answer).await
+    store(robot_id, name, submission, body, answer).await
 }
 
 /// The row of the newest version.

@@ -2,14 +2,13 @@
 
 use crate::http::auth::Caller;
 use crate::http::creation::Submission;
-use crate::http::extract::{Id, Query};
 use crate::http::job_sources::require_own;
-use crate::http::list_query::NewestListQuery;
+use crate::http::list_query::{NewestListQuery, list_of_robot};
 use crate::http::measurement_sets::points_of;
 use crate::http::named_documents::DocumentAnswer;
 use crate::http::{App, Error, access, named_documents};
 use crate::store::named_documents::NamedDocumentKind;
-use crate::store::{NamedDocumentRow, measurement_sets};
+use crate::store::{self, NamedDocumentRow, measurement_sets};
 use crate::wire::id;
 use crate::wire::named_frame::{ToolAnswer, WorkFrameAnswer, WorkFrameBody, check_name};
 use crate::wire::page::Page;
@@ -21,19 +20,9 @@ use axum::extract::{Path, State};
 use axum::response::Response;
 use serde::de::DeserializeOwned;
 
-/// A robot's work frames, newest first.
-#[utoipa::path(
-    get, path = "/v1/robots/{robot_id}/work-frames", tag = "robots", operation_id = "listWorkFrames",
-    params(("robot_id" = String, Path, description = "The robot"), NewestListQuery),
-    responses((status = 200, description = "One page", body = Page<WorkFrameAnswer>))
-)]
-pub async fn list_work_frames(
-    State(app): State<App>,
-    caller: Caller,
-    Id(robot_id): Id,
-    Query(query): Query<NewestListQuery>,
-) -> Result<Json<Page<WorkFrameAnswer>>, Error> {
-    named_documents::list(&app, &caller, &robot_id, query).await
+list_of_robot! {
+    /// A robot's work frames, newest first.
+    list_work_frames: "/v1/robots/{robot_id}/work-frames" "robots" "listWorkFrames", NewestListQuery WorkFrameAnswer, store::named_documents::list, NamedDocumentKind::WorkFrame
 }
 
 /// A work frame by its name.
@@ -59,11 +48,11 @@ pub async fn get_work_frame(
     responses((status = 200, description = "The work frame, stored, with the residuals of its points", body = WorkFrameAnswer))
 )]
 pub async fn put_work_frame(
-    State(app): State<App>,
     Path((robot_id, name)): Path<(String, String)>,
     submission: Submission,
 ) -> Result<Response, Error> {
-    let body: WorkFrameBody = checked_body(&app, &robot_id, &name, &submission).await?;
+    let app = &submission.app;
+    let body: WorkFrameBody = checked_body(&robot_id, &name, &submission).await?;
     body.fitting_work_frame("/points")?;
     body.check_std()?;
     if let Some(set_id) = &body.measurement_set_id {
@@ -71,28 +60,18 @@ pub async fn put_work_frame(
         id::check(at, set_id, what)?;
         let set = measurement_sets::get(&app.store, set_id).await;
         let set = require_own(set, |set| set.robot_id == robot_id, at, what)?;
-        let robot = access::robot(&app, &submission.caller, &robot_id).await?;
+        let robot = access::robot(app, &submission.caller, &robot_id).await?;
         let n_joints = access::robot_body(&robot)?.links.len();
         let permit = app.limits.compute(submission.caller.class).await?;
-        let points = points_of(&app, &permit, set, n_joints).await?;
+        let points = points_of(app, &permit, set, n_joints).await?;
         body.check_station(&points)?;
     }
-    named_documents::put::<WorkFrameAnswer>(&app, &robot_id, &name, &submission, body).await
+    named_documents::put::<WorkFrameAnswer>(&robot_id, &name, &submission, body).await
 }
 
-/// A robot's tools, newest first.
-#[utoipa::path(
-    get, path = "/v1/robots/{robot_id}/tools", tag = "robots", operation_id = "listTools",
-    params(("robot_id" = String, Path, description = "The robot"), NewestListQuery),
-    responses((status = 200, description = "One page", body = Page<ToolAnswer>))
-)]
-pub async fn list_tools(
-    State(app): State<App>,
-    caller: Caller,
-    Id(robot_id): Id,
-    Query(query): Query<NewestListQuery>,
-) -> Result<Json<Page<ToolAnswer>>, Error> {
-    named_documents::list(&app, &caller, &robot_id, query).await
+list_of_robot! {
+    /// A robot's tools, newest first.
+    list_tools: "/v1/robots/{robot_id}/tools" "robots" "listTools", NewestListQuery ToolAnswer, store::named_documents::list, NamedDocumentKind::Tool
 }
 
 /// A tool by its name.
@@ -117,24 +96,22 @@ pub async fn get_tool(
     responses((status = 200, description = "The tool, stored", body = ToolAnswer))
 )]
 pub async fn put_tool(
-    State(app): State<App>,
     Path((robot_id, name)): Path<(String, String)>,
     submission: Submission,
 ) -> Result<Response, Error> {
-    let body: ToolBody = checked_body(&app, &robot_id, &name, &submission).await?;
+    let body: ToolBody = checked_body(&robot_id, &name, &submission).await?;
     body.check()?;
-    named_documents::put::<ToolAnswer>(&app, &robot_id, &name, &submission, body).await
+    named_documents::put::<ToolAnswer>(&robot_id, &name, &submission, body).await
 }
 
 /// The body of a request that stores a work frame or a tool. Checks the name and the robot first.
 async fn checked_body<B: DeserializeOwned>(
-    app: &App,
     robot_id: &str,
     name: &str,
     submission: &Submission,
 ) -> Result<B, Error> {
     check_name(name, MAX_NAME)?;
-    access::robot_in_use(app, &submission.caller, robot_id).await?;
+    access::robot_in_use(&submission.app, &submission.caller, robot_id).await?;
     submission.json()
 }
 

@@ -1,35 +1,20 @@
 //! Trained networks.
 
-use crate::http::auth::Caller;
-use crate::http::extract::{Id, Query};
-use crate::http::list_query::PlainListQuery;
-use crate::http::{App, Error, access};
+use crate::http::extract::Item;
+use crate::http::list_query::{PlainListQuery, list_of_robot};
+use crate::http::{Error, access};
 use crate::store::{NetworkRow, networks};
 use crate::wire::network::NetworkAnswer;
 use crate::wire::page::Page;
 use crate::wire::safetensors::NetworkMetadata;
 use crate::wire::time::rfc3339;
 use axum::Json;
-use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
 
-/// A robot's networks.
-#[utoipa::path(
-    get, path = "/v1/robots/{robot_id}/networks", tag = "networks", operation_id = "listNetworks",
-    params(("robot_id" = String, Path, description = "The robot"), PlainListQuery),
-    responses((status = 200, description = "One page", body = Page<NetworkAnswer>))
-)]
-pub async fn list(
-    State(app): State<App>,
-    caller: Caller,
-    Id(robot_id): Id,
-    Query(query): Query<PlainListQuery>,
-) -> Result<Json<Page<NetworkAnswer>>, Error> {
-    access::robot(&app, &caller, &robot_id).await?;
-    let found = networks::search(&app.store, &robot_id, &query.request()?).await?;
-    let convert = NetworkAnswer::try_from;
-    Ok(Json(found.page.into_answer(found.total, convert)?))
+list_of_robot! {
+    /// A robot's networks.
+    list: "/v1/robots/{robot_id}/networks" "networks" "listNetworks", PlainListQuery NetworkAnswer, networks::search
 }
 
 /// Metadata of a network.
@@ -37,12 +22,9 @@ pub async fn list(
     get, path = "/v1/networks/{id}", tag = "networks", operation_id = "getNetwork", params(("id" = String, Path, description = "The network")),
     responses((status = 200, description = "The network", body = NetworkAnswer))
 )]
-pub async fn get(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
-) -> Result<Json<NetworkAnswer>, Error> {
-    Ok(Json(access::network(&app, &caller, &id).await?.try_into()?))
+pub async fn get(Item { app, caller, id }: Item) -> Result<Json<NetworkAnswer>, Error> {
+    let row = access::network(&app, &caller, &id).await?;
+    Ok(Json((&row).try_into()?))
 }
 
 /// A network's weights, in the safetensors format.
@@ -50,11 +32,7 @@ pub async fn get(
     get, path = "/v1/networks/{id}/weights", tag = "networks", operation_id = "getNetworkWeights", params(("id" = String, Path, description = "The network")),
     responses((status = 200, description = "safetensors, 64-bit floats", body = Vec<u8>, content_type = "application/octet-stream"))
 )]
-pub async fn weights(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
-) -> Result<Response, Error> {
+pub async fn weights(Item { app, caller, id }: Item) -> Result<Response, Error> {
     let _permit = app.limits.compute(caller.class).await?;
     access::network(&app, &caller, &id).await?;
     let disposition = format!("attachment; filename=\"{id}.safetensors\"");
@@ -65,10 +43,10 @@ pub async fn weights(
     Ok((headers, networks::weights(&app.store, &id).await?).into_response())
 }
 
-impl TryFrom<NetworkRow> for NetworkAnswer {
+impl TryFrom<&NetworkRow> for NetworkAnswer {
     type Error = Error;
 
-    fn try_from(row: NetworkRow) -> Result<Self, Error> {
+    fn try_from(row: &NetworkRow) -> Result<Self, Error> {
         let NetworkMetadata {
             kind,
             parameter_names,
@@ -79,17 +57,17 @@ impl TryFrom<NetworkRow> for NetworkAnswer {
             validation_error,
         } = serde_json::from_str(&row.metadata_json)?;
         Ok(Self {
-            id: row.id,
+            id: row.id.clone(),
             kind,
-            robot_id: row.robot_id,
-            job_id: row.job_id,
+            robot_id: row.robot_id.clone(),
+            job_id: row.job_id.clone(),
             model,
             preset,
             parameter_names,
             n_hidden,
             training_error,
             validation_error,
-            sha256: row.weights_sha256,
+            sha256: row.weights_sha256.clone(),
             created_at: rfc3339(row.created_at_ms),
             archived_at: row.archived_at_ms.map(rfc3339),
         })

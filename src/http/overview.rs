@@ -35,15 +35,15 @@ pub async fn list(
     Query(query): Query<NamedListQuery>,
 ) -> Result<Json<Page<RobotOverview>>, Error> {
     let found = overview::list(&app.store, caller.robots.as_deref(), &query.request()?).await?;
-    let ids: Vec<&str> = found.page.items.iter().map(|row| row.id.as_str()).collect();
+    let ids: Vec<&str> = found.items.iter().map(|row| row.id.as_str()).collect();
     let mut facts_of: BTreeMap<String, Vec<VerificationRow>> = BTreeMap::new();
     for facts in verifications::of_newest_sets(&app.store, &ids).await? {
         if let Some(set) = facts.parameter_set_id.clone() {
             facts_of.entry(set).or_default().push(facts);
         }
     }
-    let mut items = Vec::with_capacity(found.page.items.len());
-    for row in found.page.items {
+    let mut items = Vec::with_capacity(found.items.len());
+    for row in found.items {
         let of_newest = row.newest_id.as_ref().and_then(|id| facts_of.remove(id));
         let refused_by = first_refusal(&row, of_newest.unwrap_or_default())?;
         let days_to_limit = if may_have_trend(row.n_sessions) {
@@ -55,7 +55,7 @@ pub async fn list(
     }
     Ok(Json(Page {
         items,
-        next_cursor: found.page.next_cursor.map(|cursor| cursor.to_string()),
+        next_cursor: found.next_cursor.map(|cursor| cursor.to_string()),
         total: found.total,
     }))
 }

@@ -1,17 +1,16 @@
 //! Parameter sets: the identified parameters for the controller.
 
 use crate::calibration::request::Estimate;
-use crate::http::auth::Caller;
-use crate::http::extract::{Id, Query};
+use crate::http::extract::Item;
 use crate::http::headers::is_known;
 use crate::http::limits::ComputePermit;
-use crate::http::list_query::ParameterSetListQuery;
+use crate::http::list_query::{ParameterSetListQuery, list_of_robot};
 use crate::http::{App, Error, access};
 use crate::jobs::estimate::estimate_of;
 use crate::release;
 use crate::store::{
-    ParameterSetRow, ParameterSetStatus, estimates, jobs, measurement_sets, parameter_sets,
-    report_summaries, robots,
+    ParameterSetRow, ParameterSetStatus, jobs, measurement_sets, parameter_sets, report_summaries,
+    robots,
 };
 use crate::wire::canonical;
 use crate::wire::measurement::Warning;
@@ -21,26 +20,12 @@ use crate::wire::report_summary::ReportSummary;
 use crate::wire::robot::RobotBody;
 use crate::wire::time::rfc3339;
 use axum::Json;
-use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
-/// A robot's parameter sets.
-#[utoipa::path(
-    get, path = "/v1/robots/{robot_id}/parameter-sets", tag = "parameter sets", operation_id = "listParameterSets",
-    params(("robot_id" = String, Path, description = "The robot"), ParameterSetListQuery),
-    responses((status = 200, description = "One page", body = Page<ParameterSetAnswer>))
-)]
-pub async fn list(
-    State(app): State<App>,
-    caller: Caller,
-    Id(robot_id): Id,
-    Query(query): Query<ParameterSetListQuery>,
-) -> Result<Json<Page<ParameterSetAnswer>>, Error> {
-    access::robot(&app, &caller, &robot_id).await?;
-    let found = parameter_sets::search(&app.store, &robot_id, &query.request()?).await?;
-    let convert = ParameterSetAnswer::try_from;
-    Ok(Json(found.page.into_answer(found.total, convert)?))
+list_of_robot! {
+    /// A robot's parameter sets.
+    list: "/v1/robots/{robot_id}/parameter-sets" "parameter sets" "listParameterSets", ParameterSetListQuery ParameterSetAnswer, parameter_sets::search
 }
 
 /// One parameter set.
@@ -49,14 +34,9 @@ pub async fn list(
     params(("id" = String, Path, description = "The parameter set")),
     responses((status = 200, description = "The parameter set", body = ParameterSetAnswer))
 )]
-pub async fn get(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
-) -> Result<Json<ParameterSetAnswer>, Error> {
-    Ok(Json(ParameterSetAnswer::try_from(
-        access::parameter_set(&app, &caller, &id).await?,
-    )?))
+pub async fn get(Item { app, caller, id }: Item) -> Result<Json<ParameterSetAnswer>, Error> {
+    let row = access::parameter_set(&app, &caller, &id).await?;
+    Ok(Json((&row).try_into()?))
 }
 
 /// The robot's released parameter set. Send its `ETag` as `If-None-Match` to get 304 while it has not changed.
@@ -68,17 +48,12 @@ pub async fn get(
         (status = 304, description = "Still the set of that ETag")
     )
 )]
-pub async fn active(
-    State(app): State<App>,
-    caller: Caller,
-    Id(robot_id): Id,
-    headers: HeaderMap,
-) -> Result<Response, Error> {
-    access::robot(&app, &caller, &robot_id).await?;
-    let row = parameter_sets::active(&app.store, &robot_id)
+pub async fn active(Item { app, caller, id }: Item, headers: HeaderMap) -> Result<Response, Error> {
+    access::robot(&app, &caller, &id).await?;
+    let row = parameter_sets::active(&app.store, &id)
         .await?
         .ok_or(Error::NoActiveParameterSet)?;
-    let body = serde_json::to_vec(&ParameterSetAnswer::try_from(row)?)?;
+    let body = serde_json::to_vec(&ParameterSetAnswer::try_from(&row)?)?;
     let etag = format!("\"{}\"", canonical::sha256_hex(&body));
     if is_known(&headers, &etag) {
         return Ok((StatusCode::NOT_MODIFIED, [(header::ETAG, etag)]).into_response());
@@ -96,11 +71,7 @@ pub async fn active(
     params(("id" = String, Path, description = "The parameter set")),
     responses((status = 200, description = "Canonical JSON (RFC 8785)", body = ParameterSetContent))
 )]
-pub async fn get_content(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
-) -> Result<Response, Error> {
+pub async fn get_content(Item { app, caller, id }: Item) -> Result<Response, Error> {
     let row = access::parameter_set(&app, &caller, &id).await?;
     let content = content(&row)?;
     let text = match canonical::text_with_hash(&content, &row.sha256)? {
@@ -157,7 +128,7 @@ pub async fn estimate(
     row: &ParameterSetRow,
     robot: &RobotBody,
 ) -> Result<Option<Estimate>, Error> {
-    let Some(text) = estimates::of_parameter_set(&app.store, &row.id).await? else {
+    let Some(text) = parameter_sets::estimate(&app.store, &row.id).await? else {
         return Ok(None);
     };
     let (content, robot) = (content(row)?, robot.clone());
@@ -183,37 +154,37 @@ pub async fn report_summary(
     permit.run(move || serde_json::from_str(&summary)).await
 }
 
-impl TryFrom<ParameterSetRow> for ParameterSetAnswer {
+impl TryFrom<&ParameterSetRow> for ParameterSetAnswer {
     type Error = Error;
 
-    fn try_from(row: ParameterSetRow) -> Result<Self, Error> {
+    fn try_from(row: &ParameterSetRow) -> Result<Self, Error> {
         let ParameterSetContent {
             links,
             t_instrument_base,
             targets,
             links_with_corrections,
             corrections,
-        } = content(&row)?;
+        } = content(row)?;
         Ok(Self {
-            id: row.id,
-            robot_id: row.robot_id,
-            job_id: row.job_id,
+            id: row.id.clone(),
+            robot_id: row.robot_id.clone(),
+            job_id: row.job_id.clone(),
             status: row.status,
             links,
             t_instrument_base,
             targets,
             links_with_corrections,
             corrections,
-            sha256: row.sha256,
+            sha256: row.sha256.clone(),
             created_at: rfc3339(row.created_at_ms),
             released_at: row.released_at_ms.map(rfc3339),
-            release_reason: row.release_reason,
-            released_by: row.released_by,
-            released_by_name: row.released_by_name,
+            release_reason: row.release_reason.clone(),
+            released_by: row.released_by.clone(),
+            released_by_name: row.released_by_name.clone(),
             withdrawn_at: row.withdrawn_at_ms.map(rfc3339),
-            withdraw_reason: row.withdraw_reason,
-            withdrawn_by: row.withdrawn_by,
-            withdrawn_by_name: row.withdrawn_by_name,
+            withdraw_reason: row.withdraw_reason.clone(),
+            withdrawn_by: row.withdrawn_by.clone(),
+            withdrawn_by_name: row.withdrawn_by_name.clone(),
             release_checks: row
                 .release_checks_json
                 .as_deref()

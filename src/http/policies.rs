@@ -1,14 +1,12 @@
 //! Release policies of robots.
 
-use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
-use crate::http::extract::Id;
-use crate::http::{App, Error, access};
+use crate::http::extract::{Id, Item};
+use crate::http::{Error, access};
 use crate::release::guard_band::rule_in_force;
 use crate::store::{Tx, policies};
 use crate::wire::policy::PolicyBody;
 use axum::Json;
-use axum::extract::State;
 use axum::response::Response;
 
 /// The robot's release policy. The default requires nothing beyond the gates that always hold.
@@ -17,13 +15,9 @@ use axum::response::Response;
     params(("robot_id" = String, Path, description = "The robot")),
     responses((status = 200, description = "The policy", body = PolicyBody))
 )]
-pub async fn get(
-    State(app): State<App>,
-    caller: Caller,
-    Id(robot_id): Id,
-) -> Result<Json<PolicyBody>, Error> {
-    access::robot(&app, &caller, &robot_id).await?;
-    let row = policies::get(&app.store, &robot_id).await?;
+pub async fn get(Item { app, caller, id }: Item) -> Result<Json<PolicyBody>, Error> {
+    access::robot(&app, &caller, &id).await?;
+    let row = policies::get(&app.store, &id).await?;
     let rule = rule_in_force(row.decision_rule, row.version > 0);
     Ok(Json(row.body(rule)))
 }
@@ -34,12 +28,8 @@ pub async fn get(
     params(("robot_id" = String, Path, description = "The robot")), request_body = PolicyBody,
     responses((status = 200, description = "The policy, stored", body = PolicyBody))
 )]
-pub async fn put(
-    State(app): State<App>,
-    Id(robot_id): Id,
-    submission: Submission,
-) -> Result<Response, Error> {
-    access::robot_in_use(&app, &submission.caller, &robot_id).await?;
+pub async fn put(Id(robot_id): Id, submission: Submission) -> Result<Response, Error> {
+    access::robot_in_use(&submission.app, &submission.caller, &robot_id).await?;
     let policy: PolicyBody = submission.json()?;
     policy.check()?;
     let by = &submission.caller.holder;
@@ -47,5 +37,5 @@ pub async fn put(
         policies::put(tx, &robot_id, &policy, by).await?;
         stored_json(200, None, &policy)
     };
-    submission.create(&app.store, effect).await
+    submission.create(effect).await
 }

@@ -1,16 +1,15 @@
 //! Pose plans: the poses to measure next.
 
-use crate::http::auth::Caller;
-use crate::http::extract::{Id, json_body, parse_small};
+use crate::http::extract::{Item, json_body, parse_small};
 use crate::http::job_sources::require_own;
 use crate::http::measurement_sets::points_of;
-use crate::http::{App, Error, access};
+use crate::http::{Error, access};
 use crate::operations::plan_poses;
 use crate::store::measurement_sets;
 use crate::wire::pose_plan::{PosePlanAnswer, PosePlanBody};
 use crate::wire::robot::Robot;
 use axum::Json;
-use axum::extract::{Request, State};
+use axum::extract::Request;
 
 /// Configurations that determine the robot's parameters best, within its joint limits. Nothing is stored.
 #[utoipa::path(
@@ -19,12 +18,10 @@ use axum::extract::{Request, State};
     responses((status = 200, description = "The plan", body = PosePlanAnswer))
 )]
 pub async fn create(
-    State(app): State<App>,
-    caller: Caller,
-    Id(robot_id): Id,
+    Item { app, caller, id }: Item,
     request: Request,
 ) -> Result<Json<PosePlanAnswer>, Error> {
-    let row = access::robot(&app, &caller, &robot_id).await?;
+    let row = access::robot(&app, &caller, &id).await?;
     let bytes = json_body(request, &app).await?;
     let body: PosePlanBody = parse_small(&bytes)?;
     body.check()?;

@@ -1,9 +1,8 @@
 //! Predicted positions of a target on an identified robot.
 
 use crate::calibration::INSTRUMENT_SCALE;
-use crate::http::auth::Caller;
-use crate::http::extract::{Id, json_body};
-use crate::http::{App, Error, access, parameter_sets};
+use crate::http::extract::{Item, json_body};
+use crate::http::{Error, access, parameter_sets};
 use crate::operations;
 use crate::release::wrong_robot;
 use crate::wire::json;
@@ -11,7 +10,7 @@ use crate::wire::measurement::Warning;
 use crate::wire::predict::{PredictAnswer, PredictBody};
 use crate::wire::robot::Robot;
 use axum::Json;
-use axum::extract::{Request, State};
+use axum::extract::Request;
 
 /// Predicted positions of a target in the set's measuring frame, for the controller's joint values.
 #[utoipa::path(
@@ -20,9 +19,7 @@ use axum::extract::{Request, State};
     responses((status = 200, description = "Positions, pose by pose", body = PredictAnswer))
 )]
 pub async fn predict(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
+    Item { app, caller, id }: Item,
     request: Request,
 ) -> Result<Json<PredictAnswer>, Error> {
     let row = access::parameter_set(&app, &caller, &id).await?;

@@ -3,8 +3,8 @@
 use crate::calibration::reference::InstrumentScale;
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
-use crate::http::extract::{Id, Query};
-use crate::http::list_query::NewestListQuery;
+use crate::http::extract::Id;
+use crate::http::list_query::{NewestListQuery, list_of_robot};
 use crate::http::named_documents::DocumentAnswer;
 use crate::http::{App, Error, access, named_documents};
 use crate::store::named_documents::NamedDocumentKind;
@@ -24,34 +24,20 @@ use axum::response::Response;
     params(("robot_id" = String, Path, description = "The robot")), request_body = ReferenceBody,
     responses((status = 201, description = "The reference, stored", body = ReferenceAnswer, headers(("Location" = String, description = "Its path"))))
 )]
-pub async fn create(
-    State(app): State<App>,
-    Id(robot_id): Id,
-    submission: Submission,
-) -> Result<Response, Error> {
-    access::robot_in_use(&app, &submission.caller, &robot_id).await?;
+pub async fn create(Id(robot_id): Id, submission: Submission) -> Result<Response, Error> {
+    access::robot_in_use(&submission.app, &submission.caller, &robot_id).await?;
     let body: ReferenceBody = submission.json()?;
     body.check()?;
     let answer = |stored: &ReferenceAnswer| {
         let path = format!("/v1/robots/{robot_id}/references/{}", stored.id);
         stored_json(201, Some(path), stored)
     };
-    named_documents::store(&app, &robot_id, body.name(), &submission, &body, answer).await
+    named_documents::store(&robot_id, body.name(), &submission, &body, answer).await
 }
 
-/// A robot's references, newest first: of each name the newest version.
-#[utoipa::path(
-    get, path = "/v1/robots/{robot_id}/references", tag = "measurement sets", operation_id = "listReferences",
-    params(("robot_id" = String, Path, description = "The robot"), NewestListQuery),
-    responses((status = 200, description = "One page", body = Page<ReferenceAnswer>))
-)]
-pub async fn list(
-    State(app): State<App>,
-    caller: Caller,
-    Id(robot_id): Id,
-    Query(query): Query<NewestListQuery>,
-) -> Result<Json<Page<ReferenceAnswer>>, Error> {
-    named_documents::list(&app, &caller, &robot_id, query).await
+list_of_robot! {
+    /// A robot's references, newest first: of each name the newest version.
+    list: "/v1/robots/{robot_id}/references" "measurement sets" "listReferences", NewestListQuery ReferenceAnswer, store::named_documents::list, NamedDocumentKind::Reference
 }
 
 /// A reference by its id, in any version.

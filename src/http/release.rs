@@ -1,16 +1,14 @@
 //! Release, withdrawal and rollback of parameter sets.
 
-use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
-use crate::http::extract::Id;
-use crate::http::{App, Error, access};
+use crate::http::extract::{Id, Item};
+use crate::http::{Error, access};
 use crate::jobs::release_check::{Purpose, ReleaseCheckError, ReleaseRequest, check};
 use crate::store::{Tx, parameter_sets};
 use crate::wire::Issue;
 use crate::wire::parameter_set::{ParameterSetAnswer, ReasonBody};
 use crate::wire::release::{GatesAnswer, ReleaseBody};
 use axum::Json;
-use axum::extract::State;
 use axum::response::Response;
 
 /// Checks all gates as for a release by this key. Changes nothing.
@@ -19,11 +17,7 @@ use axum::response::Response;
     params(("id" = String, Path, description = "The parameter set")),
     responses((status = 200, description = "Every gate, passed or not", body = GatesAnswer))
 )]
-pub async fn gates(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
-) -> Result<Json<GatesAnswer>, Error> {
+pub async fn gates(Item { app, caller, id }: Item) -> Result<Json<GatesAnswer>, Error> {
     let row = access::parameter_set(&app, &caller, &id).await?;
     let permit = app.limits.compute(caller.class).await?;
     let request = ReleaseRequest {
@@ -49,12 +43,9 @@ pub async fn gates(
     params(("id" = String, Path, description = "The parameter set")), request_body = ReleaseBody,
     responses((status = 200, description = "The set, released", body = ParameterSetAnswer))
 )]
-pub async fn release(
-    State(app): State<App>,
-    Id(id): Id,
-    submission: Submission,
-) -> Result<Response, Error> {
-    let row = access::parameter_set(&app, &submission.caller, &id).await?;
+pub async fn release(Id(id): Id, submission: Submission) -> Result<Response, Error> {
+    let app = &submission.app;
+    let row = access::parameter_set(app, &submission.caller, &id).await?;
     let body: ReleaseBody = submission.json()?;
     body.check()?;
     let request = ReleaseRequest {
@@ -70,11 +61,11 @@ pub async fn release(
         let release = checked.release(body.reason)?;
         let effect = async |tx: &mut Tx| {
             let row = parameter_sets::release(tx, &release).await?;
-            stored_json(200, None, &ParameterSetAnswer::try_from(row)?)
+            stored_json(200, None, &ParameterSetAnswer::try_from(&row)?)
         };
-        submission.create(&app.store, effect).await
+        submission.create(effect).await
     };
-    submission.or_replay(&app.store, released.await).await
+    submission.or_replay(released.await).await
 }
 
 /// Rolls back in one call: the active set is withdrawn, and the set that it superseded becomes active again.
@@ -83,12 +74,9 @@ pub async fn release(
     params(("robot_id" = String, Path, description = "The robot")), request_body = ReasonBody,
     responses((status = 200, description = "The set that is active now", body = ParameterSetAnswer))
 )]
-pub async fn roll_back(
-    State(app): State<App>,
-    Id(robot_id): Id,
-    submission: Submission,
-) -> Result<Response, Error> {
-    access::robot(&app, &submission.caller, &robot_id).await?;
+pub async fn roll_back(Id(robot_id): Id, submission: Submission) -> Result<Response, Error> {
+    let app = &submission.app;
+    access::robot(app, &submission.caller, &robot_id).await?;
     let permit = app.limits.compute(submission.caller.class).await?;
     let reason = submission.reason()?;
     let rolled_back = async {
@@ -101,11 +89,11 @@ pub async fn roll_back(
         let release = checked.release(reason)?;
         let effect = async |tx: &mut Tx| {
             let row = parameter_sets::roll_back(tx, &release).await?;
-            stored_json(200, None, &ParameterSetAnswer::try_from(row)?)
+            stored_json(200, None, &ParameterSetAnswer::try_from(&row)?)
         };
-        submission.create(&app.store, effect).await
+        submission.create(effect).await
     };
-    submission.or_replay(&app.store, rolled_back.await).await
+    submission.or_replay(rolled_back.await).await
 }
 
 /// Withdraws a parameter set. If it was the active one, the robot has none afterwards.
@@ -114,20 +102,17 @@ pub async fn roll_back(
     params(("id" = String, Path, description = "The parameter set")), request_body = ReasonBody,
     responses((status = 200, description = "The set, withdrawn", body = ParameterSetAnswer))
 )]
-pub async fn withdraw(
-    State(app): State<App>,
-    Id(id): Id,
-    submission: Submission,
-) -> Result<Response, Error> {
-    access::parameter_set(&app, &submission.caller, &id).await?;
+pub async fn withdraw(Id(id): Id, submission: Submission) -> Result<Response, Error> {
+    let app = &submission.app;
+    access::parameter_set(app, &submission.caller, &id).await?;
     let _permit = app.limits.compute(submission.caller.class).await?;
     let reason = submission.reason()?;
     let by = &submission.caller.holder;
     let effect = async |tx: &mut Tx| {
         let row = parameter_sets::withdraw(tx, &id, &reason, by).await?;
-        stored_json(200, None, &ParameterSetAnswer::try_from(row)?)
+        stored_json(200, None, &ParameterSetAnswer::try_from(&row)?)
     };
-    submission.create(&app.store, effect).await
+    submission.create(effect).await
 }
 
 impl From<ReleaseCheckError> for Error {

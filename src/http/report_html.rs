@@ -1,7 +1,6 @@
 //! A job's report as an HTML page for printing.
 
-use crate::http::auth::Caller;
-use crate::http::extract::Id;
+use crate::http::extract::Item;
 use crate::http::history::session_times;
 use crate::http::{App, Error, access};
 use crate::jobs::evidence;
@@ -11,7 +10,6 @@ use crate::wire::job_answer::JobAnswer;
 use crate::wire::measurement::SetSummary;
 use crate::wire::parameter_set::ParameterSetAnswer;
 use crate::wire::time::rfc3339;
-use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
 
@@ -23,11 +21,7 @@ const MAX_SESSIONS: usize = 20;
     get, path = "/v1/jobs/{id}/report.html", tag = "jobs", operation_id = "getReportPage", params(("id" = String, Path, description = "The job")),
     responses((status = 200, description = "The page", body = String, content_type = "text/html"))
 )]
-pub async fn report_html(
-    State(app): State<App>,
-    caller: Caller,
-    Id(id): Id,
-) -> Result<Response, Error> {
+pub async fn report_html(Item { app, caller, id }: Item) -> Result<Response, Error> {
     let job = access::job(&app, &caller, &id).await?;
     let robot = robot_versions::robot_at(&app.store, &job.robot_id, job.robot_version).await?;
     let mut sets = Vec::new();
@@ -63,6 +57,7 @@ pub async fn report_html(
             further_sets,
             job: Some(&JobAnswer::try_from(&job)?),
             parameter_set: parameter_set
+                .as_ref()
                 .map(ParameterSetAnswer::try_from)
                 .transpose()?
                 .as_ref(),

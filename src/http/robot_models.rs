@@ -1,16 +1,16 @@
 //! The library of ready arms, and the posture check.
 
 use crate::http::auth::Caller;
-use crate::http::extract::{Id, Query, json_body, parse_small};
-use crate::http::{App, Error, access};
+use crate::http::extract::{Id, Item, Query, json_body, parse_small};
+use crate::http::list_query::checked_limit;
+use crate::http::{Error, access};
 use crate::operations;
 use crate::operations::robot_models::{self, MAX_SEARCH_CHARS};
-use crate::wire::page::{DEFAULT_PAGE, MAX_PAGE};
 use crate::wire::posture::{PostureAnswer, PostureBody};
 use crate::wire::robot::Robot;
 use crate::wire::robot_model::{RobotModel, RobotModelPage};
 use axum::Json;
-use axum::extract::{Request, State};
+use axum::extract::Request;
 use serde::Deserialize;
 use utoipa::IntoParams;
 
@@ -41,16 +41,11 @@ pub async fn list(
     _: Caller,
     Query(query): Query<ModelQuery>,
 ) -> Result<Json<RobotModelPage>, Error> {
-    let bad = |code, detail| Error::BadRequest { code, detail };
-    let limit = query.limit.unwrap_or(DEFAULT_PAGE);
-    if !(1..=MAX_PAGE).contains(&limit) {
-        let detail = format!("limit is {limit}; 1 to {MAX_PAGE} is allowed");
-        return Err(bad("invalid_query", detail));
-    }
+    let limit = checked_limit(query.limit)?;
     for text in [&query.search, &query.maker].into_iter().flatten() {
         if text.chars().count() > MAX_SEARCH_CHARS {
             let detail = format!("at most {MAX_SEARCH_CHARS} characters are searched for");
-            return Err(bad("invalid_query", detail));
+            return Err(Error::invalid_query(detail));
         }
     }
     let found = robot_models::page(
@@ -61,8 +56,8 @@ pub async fn list(
     );
     let page = found.map_err(unreadable)?;
     page.map(Json).ok_or_else(|| {
-        let detail = "no arm of this list is at the cursor: pass next_cursor on as it is, with the same search".into();
-        bad("invalid_cursor", detail)
+        let detail = "no arm of this list is at the cursor: pass next_cursor on as it is, with the same search";
+        Error::bad_request("invalid_cursor", detail)
     })
 }
 
@@ -83,12 +78,10 @@ pub async fn get(_: Caller, Id(id): Id) -> Result<Json<&'static RobotModel>, Err
     responses((status = 200, description = "The pose in the base frame", body = PostureAnswer))
 )]
 pub async fn posture(
-    State(app): State<App>,
-    caller: Caller,
-    Id(robot_id): Id,
+    Item { app, caller, id }: Item,
     request: Request,
 ) -> Result<Json<PostureAnswer>, Error> {
-    let row = access::robot(&app, &caller, &robot_id).await?;
+    let row = access::robot(&app, &caller, &id).await?;
     let bytes = json_body(request, &app).await?;
     let robot = access::robot_body(&row)?;
     let answer = app.compute(caller.class, move || {

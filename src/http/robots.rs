@@ -2,13 +2,13 @@
 
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
-use crate::http::extract::{Id, Query};
+use crate::http::extract::{Id, Item, Query};
 use crate::http::list_query::NamedListQuery;
 use crate::http::{App, Error, access};
 use crate::store::{NewRobot, RobotEdit, RobotRow, Tx, robot_versions, robots};
 use crate::wire::page::Page;
 use crate::wire::parameter_set::ReasonBody;
-use crate::wire::robot::{CheckedAnswer, Robot, RobotAnswer, RobotBody, RobotState};
+use crate::wire::robot::{CheckedAnswer, Robot, RobotAnswer, RobotBody, RobotStateName};
 use crate::wire::robot_patch::{EditedRobot, RobotPatchBody};
 use crate::wire::time::rfc3339;
 use axum::Json;
@@ -20,7 +20,7 @@ use axum::response::Response;
     post, path = "/v1/robots", tag = "robots", operation_id = "createRobot", request_body = RobotBody,
     responses((status = 201, description = "The robot, stored", body = RobotAnswer, headers(("Location" = String, description = "Its path"))))
 )]
-pub async fn create(State(app): State<App>, submission: Submission) -> Result<Response, Error> {
+pub async fn create(submission: Submission) -> Result<Response, Error> {
     if submission.caller.robots.is_some() {
         return Err(Error::Forbidden(
             "this key is limited to certain robots, so it cannot make new ones",
@@ -40,7 +40,7 @@ pub async fn create(State(app): State<App>, submission: Submission) -> Result<Re
             &RobotAnswer::try_from(&row)?,
         )
     };
-    submission.create(&app.store, effect).await
+    submission.create(effect).await
 }
 
 /// The robots that the key may see.
@@ -54,8 +54,7 @@ pub async fn list(
     Query(query): Query<NamedListQuery>,
 ) -> Result<Json<Page<RobotAnswer>>, Error> {
     let found = robots::search(&app.store, caller.robots.as_deref(), &query.request()?).await?;
-    let convert = |row| RobotAnswer::try_from(&row);
-    Ok(Json(found.page.into_answer(found.total, convert)?))
+    Ok(Json(found.into_answer()?))
 }
 
 /// One robot.
@@ -63,14 +62,9 @@ pub async fn list(
     get, path = "/v1/robots/{robot_id}", tag = "robots", operation_id = "getRobot", params(("robot_id" = String, Path, description = "The robot")),
     responses((status = 200, description = "The robot", body = RobotAnswer))
 )]
-pub async fn get(
-    State(app): State<App>,
-    caller: Caller,
-    Id(robot_id): Id,
-) -> Result<Json<RobotAnswer>, Error> {
-    Ok(Json(RobotAnswer::try_from(
-        &access::robot(&app, &caller, &robot_id).await?,
-    )?))
+pub async fn get(Item { app, caller, id }: Item) -> Result<Json<RobotAnswer>, Error> {
+    let row = access::robot(&app, &caller, &id).await?;
+    Ok(Json((&row).try_into()?))
 }
 
 /// Edits a robot: name, serial number, description, mounting, joint limits, and the joint map as long as no parameter set was released.
@@ -81,12 +75,8 @@ pub async fn get(
     params(("robot_id" = String, Path, description = "The robot")), request_body = RobotPatchBody,
     responses((status = 200, description = "The robot, edited", body = RobotAnswer))
 )]
-pub async fn edit(
-    State(app): State<App>,
-    Id(robot_id): Id,
-    submission: Submission,
-) -> Result<Response, Error> {
-    let row = access::robot_in_use(&app, &submission.caller, &robot_id).await?;
+pub async fn edit(Id(robot_id): Id, submission: Submission) -> Result<Response, Error> {
+    let row = access::robot_in_use(&submission.app, &submission.caller, &robot_id).await?;
     let patch: RobotPatchBody = submission.json().map_err(links_stay)?;
     let EditedRobot {
         body,
@@ -108,7 +98,7 @@ pub async fn edit(
         };
         stored_json(200, None, &RobotAnswer::try_from(&edited)?)
     };
-    submission.create(&app.store, effect).await
+    submission.create(effect).await
 }
 
 /// Adds the remedy to the error of a request that tries to edit the links.
@@ -135,28 +125,43 @@ fn links_stay(error: Error) -> Error {
     params(("robot_id" = String, Path, description = "The robot")), request_body = ReasonBody,
     responses((status = 200, description = "The robot", body = RobotAnswer))
 )]
-pub async fn checked(
-    State(app): State<App>,
-    Id(robot_id): Id,
-    submission: Submission,
-) -> Result<Response, Error> {
+pub async fn checked(Id(robot_id): Id, submission: Submission) -> Result<Response, Error> {
     // of an archived robot too: its active set can be rolled back
-    access::robot(&app, &submission.caller, &robot_id).await?;
+    access::robot(&submission.app, &submission.caller, &robot_id).await?;
     let reason = submission.reason()?;
     let by = &submission.caller.holder;
     let effect = async |tx: &mut Tx| {
         let row = robots::checked(tx, &robot_id, &reason, by).await?;
         stored_json(200, None, &RobotAnswer::try_from(&row)?)
     };
-    submission.create(&app.store, effect).await
+    submission.create(effect).await
 }
 
 impl TryFrom<&RobotRow> for RobotAnswer {
     type Error = Error;
 
     fn try_from(row: &RobotRow) -> Result<Self, Error> {
+        let RobotBody {
+            name,
+            serial_number,
+            description,
+            links,
+            mounting,
+            joint_map,
+        } = access::robot_body(row)?;
         let checked = row.checked_reason.as_ref().zip(row.checked_at_ms);
-        let state = RobotState {
+        Ok(Self {
+            id: row.id.clone(),
+            name,
+            serial_number,
+            description,
+            links,
+            mounting,
+            joint_map,
+            state: match row.check_job_id {
+                Some(_) => RobotStateName::CheckRobot,
+                None => RobotStateName::Ok,
+            },
             check_job_id: row.check_job_id.clone(),
             checked: checked.map(|(reason, at_ms)| CheckedAnswer {
                 reason: reason.clone(),
@@ -165,12 +170,7 @@ impl TryFrom<&RobotRow> for RobotAnswer {
             }),
             version: row.version,
             archived_at: row.archived_at_ms.map(rfc3339),
-        };
-        Ok(Self::new(
-            row.id.clone(),
-            access::robot_body(row)?,
-            rfc3339(row.created_at_ms),
-            state,
-        ))
+            created_at: rfc3339(row.created_at_ms),
+        })
     }
 }

@@ -4,9 +4,8 @@ use crate::http::limits::RequestClass;
 use crate::http::route::Route;
 use crate::http::{
     App, archive, columns, compensate, dashboard, export, frames, history, index, job_events,
-    job_posting, jobs, me, measurement_sets, metrics, named_frames, networks, overview,
-    parameter_sets, policies, pose_plans, predict, references, release, report_html, robot_models,
-    robots, session,
+    job_posting, jobs, measurement_sets, metrics, named_frames, networks, overview, parameter_sets,
+    policies, pose_plans, predict, references, release, report_html, robot_models, robots, session,
 };
 use crate::wire::key::Scope;
 use axum::http::Method;
@@ -43,7 +42,7 @@ pub const ROUTES: &[Route] = table! {
     GET    "/openapi.json"                                      index::openapi_json                      Public   Read;
     GET    "/openapi.yaml"                                      index::openapi_yaml                      Public   Read;
     GET    "/readyz"                                            index::readyz                            Public   Read;
-    GET    "/v1/me"                                             me::me                                   Read     Read;
+    GET    "/v1/me"                                             session::me                              Read     Read;
     PUT    "/v1/session"                                        session::sign_in                         Read     Read;
     DELETE "/v1/session"                                        session::sign_out                        Read     Read;
     // Robots

@@ -1,10 +1,12 @@
-//! Signing a browser in and out.
+//! Who sends a request: the permissions of its key, and signing a browser in and out.
 
 use crate::http::auth::{Caller, bearer, new_token};
 use crate::http::session_cookie::{self, signing_in, signing_out};
 use crate::http::{App, Error};
 use crate::store::{Tx, browser_sessions};
 use crate::wire::canonical;
+use crate::wire::key::KeyAnswer;
+use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -68,4 +70,15 @@ fn cookie_header(value: Option<header::HeaderValue>) -> HeaderMap {
         .into_iter()
         .map(|value| (header::SET_COOKIE, value))
         .collect()
+}
+
+/// Permissions of this request's key.
+#[utoipa::path(get, path = "/v1/me", tag = "service", operation_id = "getMe", responses((status = 200, description = "The key", body = KeyAnswer)))]
+pub async fn me(caller: Caller) -> Result<Json<KeyAnswer>, Error> {
+    Ok(Json(KeyAnswer {
+        id: caller.holder,
+        name: caller.name,
+        scopes: caller.scopes,
+        robots: caller.robots,
+    }))
 }

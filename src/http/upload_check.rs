@@ -5,7 +5,7 @@ use crate::calibration::upload_checks::alignment::{self, Alignment, Explanation}
 use crate::http::auth::Caller;
 use crate::http::{App, Error, access};
 use crate::release::{AcceptedMisfit, accept_misfit};
-use crate::store::{PageRequest, robots};
+use crate::store::{ListRequest, robots};
 use crate::wire::measurement::MeasurementSet;
 use crate::wire::robot::{Robot, RobotBody};
 use crate::wire::suspicion::Insist;
@@ -60,9 +60,9 @@ async fn other_models(
     own: &RobotBody,
 ) -> Result<Vec<RobotBody>, Error> {
     let mut others: Vec<RobotBody> = Vec::new();
-    let mut request = PageRequest::default();
+    let mut request = ListRequest::all();
     for _ in 0..MAX_PAGES {
-        let page = robots::list(&app.store, caller.robots.as_deref(), &request).await?;
+        let page = robots::search(&app.store, caller.robots.as_deref(), &request).await?;
         let rows = page.items.iter().filter(|row| row.id != robot_id);
         for body in rows.filter_map(|row| access::robot_body(row).ok()) {
             let is_new =

@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use crate::store::known_uploads::KnownUpload;
 use crate::store::{
     FramesRow, Hashed, JobRow, MeasurementSetRow, NamedDocumentRow, NetworkRow, NewNetwork,
-    NewParameterSet, ParameterSetRow, Result, RobotRow, Store, VerificationRow, estimates, frames,
+    NewParameterSet, ParameterSetRow, Result, RobotRow, Store, VerificationRow, frames,
     job_sources, jobs, known_uploads, measurement_sets, named_documents, networks, parameter_sets,
     robot_versions, verifications,
 };
@@ -30,10 +30,8 @@ pub struct JobInputs {
     pub job: JobRow,
     /// Its robot.
     pub robot: RobotRow,
-    /// The measurement set to identify from, or to verify on; with several sessions, the first.
-    pub set: MeasurementSetInput,
-    /// The measurement sets of further sessions.
-    pub further_sets: Vec<MeasurementSetInput>,
+    /// The measurement sets to identify from, or to score: one for each session.
+    pub sets: Vec<MeasurementSetInput>,
     /// Another set to verify on.
     pub verify_set: Option<MeasurementSetInput>,
     /// Frames found from sweeps.
@@ -79,10 +77,8 @@ const MAX_KNOWN_POINTS: i64 = 500_000;
 pub struct ParameterSetInput {
     /// The parameter set.
     pub row: ParameterSetRow,
-    /// The points that it was identified from; with several sessions, the first.
-    pub set: MeasurementSetInput,
-    /// The measurement sets of further sessions.
-    pub further_sets: Vec<MeasurementSetInput>,
+    /// The measurement sets that it was identified from: one for each session.
+    pub sets: Vec<MeasurementSetInput>,
     /// Uploads on which the values that it holds, or the training of its residual network, are based.
     pub sources: Vec<MeasurementSetInput>,
     /// The frames that the identification used.
@@ -105,14 +101,13 @@ pub struct MeasurementSetInput {
 impl JobInputs {
     /// Names columns of the fitted sets that are not read and may say which reflector or set-up a row is of.
     pub fn unread_labels(&self) -> Option<String> {
-        let mut sets = std::iter::once(&self.set).chain(&self.further_sets);
+        let mut sets = self.sets.iter();
         sets.find_map(|set| set.stated_reading()?.unread_labels())
     }
 
     /// When the session was measured, if its upload states it; of several sessions, that of the last one.
     pub fn measured_at(&self) -> Option<String> {
-        let last = self.further_sets.last().unwrap_or(&self.set);
-        last.stated_reading()?.record?.measured_at
+        self.sets.last()?.stated_reading()?.record?.measured_at
     }
 }
 
@@ -131,14 +126,13 @@ impl MeasurementSetInput {
         })
     }
 
-    /// Reads the stored sets that a job fits or scores: the first, and those of further sessions.
-    pub async fn read_of(store: &Store, job: &JobRow) -> Result<(Self, Vec<Self>)> {
-        let first = Self::read(store, &job.measurement_set_id).await?;
-        let mut further = Vec::new();
-        for id in job.set_ids().skip(1) {
-            further.push(Self::read(store, id).await?);
+    /// Reads the stored sets that a job fits or scores.
+    pub async fn read_of(store: &Store, job: &JobRow) -> Result<Vec<Self>> {
+        let mut sets = Vec::new();
+        for id in job.set_ids() {
+            sets.push(Self::read(store, id).await?);
         }
-        Ok((first, further))
+        Ok(sets)
     }
 
     /// Parses the points.
@@ -226,41 +220,32 @@ impl JobInputs {
     /// Reads everything that the job names.
     pub async fn load_for(store: &Store, job: JobRow) -> Result<JobInputs> {
         // Reads concurrently; each read takes its own connection.
-        let (
-            robot,
-            (set, further_sets),
-            verify_set,
-            frames,
-            network,
-            residual_network,
-            parameter_set,
-            sources,
-        ) = tokio::try_join!(
-            robot_versions::robot_at(store, &job.robot_id, job.robot_version),
-            MeasurementSetInput::read_of(store, &job),
-            load(
-                job.verify_set_id.as_deref(),
-                |id| MeasurementSetInput::read(store, id)
-            ),
-            load(job.frames_id.as_deref(), |id| frames::get(store, id)),
-            load(job.network_input_id.as_deref(), |id| load_network(
-                store, id
-            )),
-            load(job.residual_network_input_id.as_deref(), |id| load_network(
-                store, id
-            )),
-            load(job.parameter_set_input_id.as_deref(), |id| {
-                load_parameter_set(store, id)
-            }),
-            load_sources(store, &job.id),
-        )?;
-        let references = load_references(store, &set, &further_sets).await?;
+        let (robot, sets, verify_set, frames, network, residual_network, parameter_set, sources) =
+            tokio::try_join!(
+                robot_versions::robot_at(store, &job.robot_id, job.robot_version),
+                MeasurementSetInput::read_of(store, &job),
+                load(
+                    job.verify_set_id.as_deref(),
+                    |id| MeasurementSetInput::read(store, id)
+                ),
+                load(job.frames_id.as_deref(), |id| frames::get(store, id)),
+                load(job.network_input_id.as_deref(), |id| load_network(
+                    store, id
+                )),
+                load(job.residual_network_input_id.as_deref(), |id| load_network(
+                    store, id
+                )),
+                load(job.parameter_set_input_id.as_deref(), |id| {
+                    load_parameter_set(store, id)
+                }),
+                load_sources(store, &job.id),
+            )?;
+        let references = load_references(store, &sets).await?;
         Ok(JobInputs {
             job,
             robot,
             references,
-            set,
-            further_sets,
+            sets,
             verify_set,
             frames,
             network,
@@ -275,18 +260,6 @@ impl JobInputs {
     pub async fn with_known_uploads(self, store: &Store) -> Result<JobInputs> {
         let known = load_known(store, &self.job).await?;
         Ok(JobInputs { known, ..self })
-    }
-
-    /// Every set that the job fits or scores.
-    pub fn uploads(&self) -> impl Iterator<Item = &MeasurementSetInput> {
-        std::iter::once(&self.set).chain(&self.further_sets)
-    }
-}
-
-impl ParameterSetInput {
-    /// Every set that it was identified from.
-    pub fn uploads(&self) -> impl Iterator<Item = &MeasurementSetInput> {
-        std::iter::once(&self.set).chain(&self.further_sets)
     }
 }
 
@@ -312,14 +285,12 @@ async fn load_parameter_set(store: &Store, id: &str) -> Result<ParameterSetInput
     let row = parameter_sets::get(store, id).await?;
     let job = jobs::get(store, &row.job_id).await?;
     let frames = load(job.frames_id.as_deref(), |id| frames::get(store, id)).await?;
-    let (set, further_sets) = MeasurementSetInput::read_of(store, &job).await?;
     Ok(ParameterSetInput {
+        sets: MeasurementSetInput::read_of(store, &job).await?,
         verification: verifications::of_job(store, &row.job_id).await?,
-        estimate_json: estimates::of_parameter_set(store, id).await?,
+        estimate_json: parameter_sets::estimate(store, id).await?,
         sources: load_sources(store, &row.job_id).await?,
         row,
-        set,
-        further_sets,
         frames,
     })
 }
@@ -327,11 +298,10 @@ async fn load_parameter_set(store: &Store, id: &str) -> Result<ParameterSetInput
 /// The references that the sets name.
 async fn load_references(
     store: &Store,
-    set: &MeasurementSetInput,
-    further_sets: &[MeasurementSetInput],
+    sets: &[MeasurementSetInput],
 ) -> Result<Vec<NamedDocumentRow>> {
     let mut references = Vec::new();
-    for set in std::iter::once(set).chain(further_sets) {
+    for set in sets {
         if let Some(reference) = set.stated_reading().and_then(|reading| reading.reference) {
             references.push(named_documents::get(store, &reference.id).await?);
         }

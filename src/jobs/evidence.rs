@@ -110,10 +110,9 @@ pub async fn load(
             None => None,
             Some(active) => {
                 let job = jobs::get(store, &active.job_id).await?;
-                let (first, further) = MeasurementSetInput::read_of(store, &job).await?;
                 Some(ActiveSet {
                     content: active.body_json.clone(),
-                    uploads: std::iter::once(first).chain(further).collect(),
+                    uploads: MeasurementSetInput::read_of(store, &job).await?,
                 })
             }
         },

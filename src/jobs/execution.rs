@@ -7,7 +7,6 @@ use crate::calibration::{
 use crate::jobs::estimate::{estimate_json, stored_estimate};
 use crate::jobs::measured_since::measured_since;
 use crate::jobs::request::{insisted_on, points_of, requests_of};
-use crate::jobs::result_check;
 use crate::jobs::{JobFailure, JobInputs, JobOutcome, ParameterSetInput};
 use crate::release::facts::{FIT_DIVERGED, evidence_of, identification_facts, session_facts};
 use crate::release::independence::{is_another_session, is_verified_anew};
@@ -20,6 +19,7 @@ use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::report::{self, RunContext};
 use crate::wire::report_shape::{Convergence, Report};
 use crate::wire::report_summary::summary_json;
+use crate::wire::robot::MAX_LENGTH_MM;
 use crate::wire::safetensors::{self, ResidualOrigin, StoredNetwork};
 use crate::wire::verification::Verification;
 use std::ops::ControlFlow;
@@ -147,7 +147,7 @@ pub(super) fn run_verification(
     let kept = kept.and_then(|input| input.estimate_json.as_deref());
     let estimate = stored_estimate(kept, &inputs.robot, None).map_err(JobFailure::broken)?;
     let identified_from = match &inputs.parameter_set {
-        Some(input) => points_of(input.uploads().chain(&input.sources), request)?,
+        Some(input) => points_of(input.sets.iter().chain(&input.sources), request)?,
         None => vec![],
     };
     let another = is_another_session(&request.robot, &request.set, &identified_from);
@@ -269,7 +269,7 @@ fn run_timed(
         }
     })?;
     clock.stop();
-    if !result_check::is_finite(&core) {
+    if !is_finite(&core) {
         let detail = "the result holds a number that is not finite; nothing was stored. Look for a row with an extreme value in the set";
         return Err(JobFailure::failed(Problem::new(
             422,
@@ -277,7 +277,7 @@ fn run_timed(
             detail,
         )));
     }
-    if !result_check::has_plausible_size(&core) {
+    if !has_plausible_size(&core) {
         let detail = "the fit diverged: links or targets of more than 10 m; nothing was stored. Look for rows whose joints and position do not belong \
                       together";
         return Err(JobFailure::failed(Problem::new(422, FIT_DIVERGED, detail)));
@@ -387,4 +387,56 @@ impl StageClock {
 /// Milliseconds since an instant, with microsecond resolution.
 fn milliseconds(since: Instant) -> f64 {
     since.elapsed().as_micros() as f64 / 1e3
+}
+
+/// Whether links and targets have plausible sizes. A fit to rows that do not belong together may diverge.
+fn has_plausible_size(core: &CalibrationReport) -> bool {
+    let links = core.links.iter().flat_map(|l| [l.a_mm, l.d_mm]);
+    let targets = core.targets_mm.iter().flat_map(|t| [t.x, t.y, t.z]);
+    links.chain(targets).all(|mm| mm.abs() <= MAX_LENGTH_MM)
+}
+
+/// Whether all numbers of the result are finite. JSON cannot represent other numbers.
+fn is_finite(core: &CalibrationReport) -> bool {
+    let subsets = [Some(&core.identify), core.verify.as_ref()];
+    let errors = subsets
+        .into_iter()
+        .flatten()
+        .flat_map(|s| [Some(s.before), Some(s.after), s.corrected])
+        .flatten();
+    let compared = core.comparison.iter().filter_map(|c| c.verify_after);
+    let statistics = errors
+        .chain(compared)
+        .flat_map(|e| [e.mean_mm, e.std_mm, e.rms_mm, e.max_mm]);
+    let parameters = core
+        .parameters
+        .iter()
+        .flat_map(|p| [p.nominal, p.identified, p.delta]);
+    let points = core.per_point.iter().flat_map(|p| {
+        [
+            p.before_mm,
+            p.after_mm,
+            p.corrected_vector_mm.map_or(0.0, |v| v.norm()),
+        ]
+    });
+    let links = core
+        .links
+        .iter()
+        .flat_map(|l| [l.a_mm, l.alpha_rad, l.d_mm, l.theta_offset_rad, l.beta_rad]);
+    let base = core.t_instrument_base.to_homogeneous();
+    let targets = core.targets_mm.iter().flat_map(|t| [t.x, t.y, t.z]);
+    let costs = core
+        .comparison
+        .iter()
+        .map(|c| c.cost_mm2)
+        .chain(core.convergence_mm2.iter().copied())
+        .chain([core.cost_mm2]);
+    statistics
+        .chain(parameters)
+        .chain(points)
+        .chain(links)
+        .chain(base.iter().copied())
+        .chain(targets)
+        .chain(costs)
+        .all(f64::is_finite)
 }

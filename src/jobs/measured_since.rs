@@ -55,7 +55,11 @@ pub(super) fn measured_since(inputs: &JobInputs, request: &CalibrationRequest) -
         is_repeat: known.is_own_used || (known.is_undecided && !is_check),
         measured_seq: 0,
     };
-    let own = inputs.uploads().zip(request.uploads()).zip(&known.own_seq);
+    let own = inputs
+        .sets
+        .iter()
+        .zip(request.uploads())
+        .zip(&known.own_seq);
     for ((input, points), uploaded_seq) in own {
         let own = Own {
             id: &input.row.id,

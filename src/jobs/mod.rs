@@ -17,7 +17,6 @@ mod progress;
 pub mod queue;
 pub mod release_check;
 pub mod request;
-mod result_check;
 mod run_alone;
 mod worker;
 

@@ -7,7 +7,7 @@ use std::time::Duration;
 use tokio::sync::{Notify, broadcast};
 use tokio::time::{Instant, timeout_at};
 
-use crate::store::{Engine, JobRow, JobStatus, Result, Store, jobs};
+use crate::store::{Engine, JobRow, Result, Store, jobs};
 
 /// Signals within this process; clones share them. Other processes on the same database poll.
 #[derive(Clone, Debug)]
@@ -60,31 +60,8 @@ impl JobSignals {
         let _ = self.changes.send(signal);
     }
 
-    /// Waits until the job's status is not `seen` or the job has ended, at most for `timeout`: a long poll.
-    pub async fn wait_for_status_change(
-        &self,
-        store: &Store,
-        job_id: &str,
-        seen: JobStatus,
-        timeout: Duration,
-    ) -> Result<JobRow> {
-        self.wait(store, job_id, timeout, |job| job.status != seen)
-            .await
-    }
-
-    /// Waits until status, attempt or progress of the job differ from `seen` or the job has ended, at most for `timeout`: one step of an event
-    /// stream.
+    /// Waits until the job has changed in this way or has ended, at most for `timeout`: a long poll, or one step of an event stream.
     pub async fn wait_for_change(
-        &self,
-        store: &Store,
-        seen: &JobRow,
-        timeout: Duration,
-    ) -> Result<JobRow> {
-        self.wait(store, &seen.id, timeout, |job| job.has_moved_on(seen))
-            .await
-    }
-
-    async fn wait(
         &self,
         store: &Store,
         job_id: &str,

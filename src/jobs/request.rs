@@ -43,9 +43,8 @@ pub(super) fn requests_of(
         .as_ref()
         .map(|network| safetensors::read_residual(&network.weights));
     let parts = JobParts {
-        set: inputs.set.parse(n_joints).map_err(JobFailure::broken)?,
-        further_sets: inputs
-            .further_sets
+        sets: inputs
+            .sets
             .iter()
             .map(|set| set.parse(n_joints).map_err(JobFailure::broken))
             .collect::<Result<_, _>>()?,
@@ -74,7 +73,7 @@ pub(super) fn requests_of(
     request.refused_as = insisted_on(inputs).map(str::to_owned);
     request.unread_labels = inputs.unread_labels();
     let scored = inputs.parameter_set.as_ref();
-    request.scored_frame = scored.map(|input| input.set.row.frame);
+    request.scored_frame = scored.and_then(|input| Some(input.sets.first()?.row.frame));
     Ok((posted, request))
 }
 
@@ -117,9 +116,10 @@ fn previous_session(
         .map(|row| serde_json::from_str::<FramesContent>(&row.result_json))
         .transpose()
         .ok()?;
-    let uploads: Result<Vec<_>, _> = input.uploads().map(|set| set.parse(n_joints)).collect();
+    let uploads = input.sets.iter().map(|set| set.parse(n_joints));
+    let uploads: Result<Vec<_>, _> = uploads.collect();
     let set = as_one(uploads.ok()?)?;
-    let model = request.model_for(inputs.set.row.frame);
+    let model = request.model_for(inputs.sets.first()?.row.frame);
     let estimate =
         stored_estimate(input.estimate_json.as_deref(), &inputs.robot, Some(model)).ok()?;
     Some(PreviousSession {
@@ -144,7 +144,8 @@ pub(super) fn points_of<'a>(
 /// Code of the suspicion that an uploader overrode with `insist`: for a set of the job, the set to verify on, or a set on which the result is based.
 pub(super) fn insisted_on(inputs: &JobInputs) -> Option<&str> {
     inputs
-        .uploads()
+        .sets
+        .iter()
         .chain(&inputs.verify_set)
         .chain(&inputs.sources)
         .find_map(|input| input.row.insisted_on.as_deref())

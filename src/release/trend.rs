@@ -1,8 +1,8 @@
 //! Forecast of the next calibration: a straight line through the errors of the released parameter set over time.
 
 use crate::identification::statistics::distributions::t_half_width;
+use crate::wire::history::Trend;
 use crate::wire::time::epoch_ms;
-use crate::wire::trend::Trend;
 use crate::wire::understood::Reading;
 use crate::wire::verification::{Fit, Verification, VerificationKind};
 use std::collections::BTreeSet;

@@ -1,8 +1,8 @@
 //! The section about a quick check.
 
 use super::text::{error, number};
-use crate::wire::check::{CheckReport, CheckVerdict, DetectableReport};
 use crate::wire::report_shape::Report;
+use crate::wire::report_shape::{CheckReport, CheckVerdict, DetectableReport};
 use maud::{Markup, html};
 
 /// The verdict, the changes that the poses can detect, and the next measurement. Empty for jobs of other kinds.

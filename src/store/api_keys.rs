@@ -6,8 +6,8 @@ use super::audit::{ExpectedEntry, audited};
 use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
-use super::read::{self, rows_after};
-use super::{AuditEvent, ListRequest, Page, PageRequest, Result, Store, Tx};
+use super::sql::{self, rows_after, values};
+use super::{AuditEvent, ListRequest, Page, Result, Store, Tx};
 
 row! {
     /// An API key.
@@ -102,38 +102,36 @@ audited!(ApiKeyRow, id, |row| vec![
 /// # Errors
 /// [`super::Conflict::Duplicate`] if the key is stored already, [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, new: &NewApiKey) -> Result<ApiKeyRow> {
-    let query = sqlx::query_as(INSERT)
-        .bind(IdPrefix::Key.new_id())
-        .bind(&new.name)
-        .bind(&new.key_sha256)
-        .bind(&new.scopes_json)
-        .bind(new.robots_json.as_deref());
-    let row: ApiKeyRow = query.fetch_one(tx.connection()).await?;
+    let values = values![
+        IdPrefix::Key.new_id(),
+        new.name,
+        new.key_sha256,
+        new.scopes_json,
+        new.robots_json
+    ];
+    let row: ApiKeyRow = sql::one(tx.connection(), INSERT, values).await?;
     tx.audit(AuditEvent::KeyCreated, &row.id, as_created(&row));
     Ok(row)
 }
 
 /// The key with this hash; none if it is unknown or revoked.
 pub async fn find(store: &Store, key_sha256: &str) -> Result<Option<ApiKeyRow>> {
-    read::first(store.readers(), FIND, key_sha256).await
+    sql::first(store.readers(), FIND, values![key_sha256]).await
 }
 
 /// One key, revoked or not.
 pub async fn get(store: &Store, id: &str) -> Result<ApiKeyRow> {
-    read::one(store.readers(), GET, id).await
+    sql::one(store.readers(), GET, values![id]).await
 }
 
-/// All keys, including revoked ones, newest first.
-pub async fn list(store: &Store, request: &PageRequest) -> Result<Page<ApiKeyRow>> {
-    listing::page(store, &LIST, &[], &ListRequest::all(request)).await
+/// Keys, including revoked ones.
+pub async fn list(store: &Store, request: &ListRequest) -> Result<Page<ApiKeyRow>> {
+    listing::list(store, &LIST, &[], request).await
 }
 
 /// Revokes a key; revoking it again changes nothing.
 pub async fn revoke(tx: &mut Tx, id: &str) -> Result<ApiKeyRow> {
-    let row: ApiKeyRow = sqlx::query_as(REVOKE)
-        .bind(id)
-        .fetch_one(tx.connection())
-        .await?;
+    let row: ApiKeyRow = sql::one(tx.connection(), REVOKE, values![id]).await?;
     if let Some((_, detail)) = as_revoked(&row) {
         tx.audit(AuditEvent::KeyRevoked, &row.id, detail);
     }

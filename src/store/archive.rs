@@ -6,8 +6,8 @@ use serde_json::{Value, json};
 
 use super::audit::{ExpectedEntry, audited};
 use super::from_row::row;
-use super::read;
-use super::{AuditEvent, Conflict, Error, Result, Tx};
+use super::sql::{self, values};
+use super::{AuditEvent, Conflict, Result, Tx};
 
 names! {
     /// Kind of an item that can be archived.
@@ -68,7 +68,7 @@ audited!(ArchivedRow, id, |row| vec![
 /// Archives an item; archiving it again changes nothing. Returns when it was archived.
 ///
 /// # Errors
-/// [`Conflict::NotArchivable`] for a parameter set that was released and for a job that has not ended, [`Error::Database`].
+/// [`Conflict::NotArchivable`] for a parameter set that was released and for a job that has not ended, [`super::Error::Database`].
 pub async fn archive(
     tx: &mut Tx,
     kind: Archivable,
@@ -78,30 +78,21 @@ pub async fn archive(
 ) -> Result<i64> {
     // The lock waits until a release of this robot that is under way has ended.
     super::robots::lock(tx, robot_id).await?;
-    let query = sqlx::query_as(ARCHIVE)
-        .bind(id)
-        .bind(kind.as_str())
-        .bind(robot_id)
-        .bind(by);
-    let row: Option<ArchivedRow> = query
-        .fetch_optional(tx.connection())
+    let values = values![id, kind.as_str(), robot_id, by];
+    let row: Option<ArchivedRow> = sql::first(tx.connection(), ARCHIVE, values)
         .await
-        .map_err(|error| Error::from_trigger(error, |why| Conflict::NotArchivable { why }))?;
+        .map_err(|error| error.of_trigger(|why| Conflict::NotArchivable { why }))?;
     if let Some(row) = row {
         tx.audit(AuditEvent::Archived, id, as_archived(&row));
         return Ok(row.archived_at_ms);
     }
-    read::value(tx.connection(), SINCE, id).await
+    sql::value(tx.connection(), SINCE, values![id]).await
 }
 
 /// Restores an archived item; restoring an item that is not archived changes nothing.
 pub async fn restore(tx: &mut Tx, kind: Archivable, id: &str, robot_id: &str) -> Result<()> {
     super::robots::lock(tx, robot_id).await?;
-    let restored = sqlx::query(RESTORE)
-        .bind(id)
-        .execute(tx.connection())
-        .await?;
-    if restored.rows_affected() > 0 {
+    if sql::execute(tx.connection(), RESTORE, values![id]).await? > 0 {
         let detail = json!({"kind": kind.as_str(), "robot_id": robot_id});
         tx.audit(AuditEvent::Restored, id, detail);
     }

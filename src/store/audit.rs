@@ -5,6 +5,7 @@ use sqlx::FromRow;
 use sqlx::any::AnyRow;
 
 use super::audit_chain::{AuditHead, AuditRow, HEAD};
+use super::sql::{self, values};
 use super::{AuditEvent, Result, Store};
 
 /// Rows with entries in the audit chain. The same function computes an entry's content when it is written and when `verify-store` compares
@@ -76,23 +77,16 @@ const ACTOR: &str =
 
 /// The end of the chain.
 pub async fn head(store: &Store) -> Result<AuditHead> {
-    Ok(sqlx::query_as(HEAD).fetch_one(store.readers()).await?)
+    sql::one(store.readers(), HEAD, values![]).await
 }
 
 /// The entries after number `after`, in order, at most `limit`.
 pub async fn list(store: &Store, after: i64, limit: i64) -> Result<Vec<AuditRow>> {
-    Ok(sqlx::query_as(LIST)
-        .bind(after)
-        .bind(limit)
-        .fetch_all(store.readers())
-        .await?)
+    sql::all(store.readers(), LIST, values![after, limit]).await
 }
 
 /// Actor of the first entry of this event and subject: usually the id of a key.
 pub async fn actor(store: &Store, subject: &str, event: AuditEvent) -> Result<Option<String>> {
-    Ok(sqlx::query_scalar(ACTOR)
-        .bind(subject)
-        .bind(event.as_str())
-        .fetch_optional(store.readers())
-        .await?)
+    let values = values![subject, event.as_str()];
+    sql::first_value(store.readers(), ACTOR, values).await
 }

@@ -11,6 +11,7 @@ use serde_json::Value;
 use sqlx::AnyConnection;
 
 use super::from_row::row;
+use super::sql::{self, values};
 use super::{AuditEvent, Engine, Result};
 use crate::wire::canonical;
 
@@ -185,26 +186,22 @@ pub(super) async fn append(
         Engine::Sqlite => HEAD,
         Engine::Postgres => HEAD_LOCKED,
     };
-    let head: AuditHead = sqlx::query_as(head).fetch_one(&mut *connection).await?;
+    let head: AuditHead = sql::one(&mut *connection, head, values![]).await?;
     let entries = entries(&head, actor, notes);
     for row in &entries {
-        sqlx::query(INSERT)
-            .bind(row.seq)
-            .bind(row.at_ms)
-            .bind(&row.actor)
-            .bind(&row.event)
-            .bind(&row.subject)
-            .bind(&row.detail_json)
-            .bind(&row.sha256)
-            .execute(&mut *connection)
-            .await?;
+        let values = values![
+            row.seq,
+            row.at_ms,
+            row.actor,
+            row.event,
+            row.subject,
+            row.detail_json,
+            row.sha256
+        ];
+        sql::execute(&mut *connection, INSERT, values).await?;
     }
     if let Some(last) = entries.last() {
-        sqlx::query(MOVE_HEAD)
-            .bind(last.seq)
-            .bind(&last.sha256)
-            .execute(connection)
-            .await?;
+        sql::execute(connection, MOVE_HEAD, values![last.seq, last.sha256]).await?;
     }
     Ok(())
 }

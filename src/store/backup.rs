@@ -4,6 +4,7 @@ use std::path::Path;
 
 use super::database::DATABASE;
 use super::open::{make_private_dir, make_private_file};
+use super::sql::{self, values};
 use super::{Engine, Error, Result, Store};
 
 pub(super) const QUERIES_SQLITE: &[&str] = &[VACUUM_INTO];
@@ -43,10 +44,7 @@ pub async fn write(store: &Store, directory: &Path) -> Result<()> {
     })?;
     // `vacuum into` accepts an existing file if it is empty.
     make_private_file(&file).map_err(failed)?;
-    sqlx::query(VACUUM_INTO)
-        .bind(path)
-        .execute(store.readers())
-        .await?;
+    sql::execute(store.readers(), VACUUM_INTO, values![path]).await?;
     let synced = std::fs::File::open(&file).and_then(|file| file.sync_all());
     synced
         .and_then(|()| std::fs::File::open(directory)?.sync_all())

@@ -1,5 +1,6 @@
 //! Sessions of browsers that signed in with a key. The database has only the SHA-256 of a session's token.
 
+use super::sql::{self, values};
 use super::{ApiKeyRow, Result, Store, Tx};
 
 /// Longest time for which a session is valid: a shift, with some time to spare. A session that began in the future, because the clock was set back, has ended.
@@ -30,34 +31,20 @@ const DELETE: &str = "delete from browser_session where token_sha256 = $1";
 
 /// Begins a session of a key, and deletes those that ended.
 pub async fn begin(tx: &mut Tx, token_sha256: &str, key_id: &str) -> Result<()> {
-    sqlx::query(DELETE_ENDED)
-        .bind(MAX_AGE_MS)
-        .bind(key_id)
-        .bind(MAX_OF_KEY)
-        .execute(tx.connection())
-        .await?;
-    sqlx::query(INSERT)
-        .bind(token_sha256)
-        .bind(key_id)
-        .execute(tx.connection())
-        .await?;
+    let values = values![MAX_AGE_MS, key_id, MAX_OF_KEY];
+    sql::execute(tx.connection(), DELETE_ENDED, values).await?;
+    sql::execute(tx.connection(), INSERT, values![token_sha256, key_id]).await?;
     Ok(())
 }
 
 /// The key of a session; none if there is no such session, or if it has ended.
 pub async fn find(store: &Store, token_sha256: &str) -> Result<Option<ApiKeyRow>> {
-    Ok(sqlx::query_as(FIND)
-        .bind(token_sha256)
-        .bind(MAX_AGE_MS)
-        .fetch_optional(store.readers())
-        .await?)
+    let values = values![token_sha256, MAX_AGE_MS];
+    sql::first(store.readers(), FIND, values).await
 }
 
 /// Ends a session, if there is one.
 pub async fn end(tx: &mut Tx, token_sha256: &str) -> Result<()> {
-    sqlx::query(DELETE)
-        .bind(token_sha256)
-        .execute(tx.connection())
-        .await?;
+    sql::execute(tx.connection(), DELETE, values![token_sha256]).await?;
     Ok(())
 }

@@ -9,6 +9,7 @@ use std::time::Duration;
 use sqlx::{Any, AnyConnection, AnyPool, Transaction};
 
 use super::audit_chain::{self, AuditNote};
+use super::sql::{self, values};
 use super::write_progress::{Write, WriteProgress};
 use super::{AuditEvent, Engine, Error, Result};
 
@@ -136,14 +137,12 @@ impl Store {
     /// The database's clock, ms since the epoch. `/readyz` uses it to check that the database answers.
     pub async fn now_ms(&self) -> Result<i64> {
         self.require_data_dir()?;
-        Ok(sqlx::query_scalar(NOW).fetch_one(self.readers()).await?)
+        sql::value(self.readers(), NOW, values![]).await
     }
 
     /// Version of the schema.
     pub async fn schema_version(&self) -> Result<i64> {
-        Ok(sqlx::query_scalar(SCHEMA_VERSION)
-            .fetch_one(self.readers())
-            .await?)
+        sql::value(self.readers(), SCHEMA_VERSION, values![]).await
     }
 
     /// Closes all connections. SQLite then moves its WAL into the database file.

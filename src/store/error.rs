@@ -98,7 +98,7 @@ impl Error {
     /// Whether a later attempt may succeed (busy, out of connections, disk full, restarting). The HTTP status is then 503 instead of 500.
     pub fn is_unavailable(&self) -> bool {
         match self {
-            Error::Database(error) => is_unavailable(error),
+            Error::Database(error) => temporary_reason(error).is_some(),
             _ => false,
         }
     }
@@ -106,7 +106,10 @@ impl Error {
     /// Description of a database failure without internals, for clients and `/readyz`.
     pub fn reason(&self) -> &'static str {
         match self {
-            Error::Database(error) => reason(error),
+            Error::Database(error) => temporary_reason(error).unwrap_or(match error {
+                sqlx::Error::Database(_) => "it reports a fault",
+                _ => "it reported an unexpected error",
+            }),
             Error::LowDiskSpace { .. } => "its disk is nearly full",
             _ => "it reported an unexpected error",
         }
@@ -121,21 +124,9 @@ impl Error {
     }
 }
 
-fn is_unavailable(error: &sqlx::Error) -> bool {
-    match error {
-        sqlx::Error::PoolTimedOut
-        | sqlx::Error::PoolClosed
-        | sqlx::Error::Io(_)
-        | sqlx::Error::WorkerCrashed => true,
-        sqlx::Error::Database(error) => error
-            .code()
-            .is_some_and(|code| reason_of_code(&code).is_some()),
-        _ => false,
-    }
-}
-
-fn reason(error: &sqlx::Error) -> &'static str {
-    match error {
+/// Description of a temporary failure; none if the failure is permanent.
+fn temporary_reason(error: &sqlx::Error) -> Option<&'static str> {
+    Some(match error {
         sqlx::Error::PoolTimedOut => "no connection to it became free in time",
         sqlx::Error::PoolClosed => "the server is stopping",
         sqlx::Error::Io(error) if error.kind() == std::io::ErrorKind::NotFound => {
@@ -143,12 +134,9 @@ fn reason(error: &sqlx::Error) -> &'static str {
         }
         sqlx::Error::Io(_) => "the connection to it failed",
         sqlx::Error::WorkerCrashed => "a connection to it broke",
-        sqlx::Error::Database(error) => error
-            .code()
-            .and_then(|code| reason_of_code(&code))
-            .unwrap_or("it reports a fault"),
-        _ => "it reported an unexpected error",
-    }
+        sqlx::Error::Database(error) => return reason_of_code(&error.code()?),
+        _ => return None,
+    })
 }
 
 /// Description of a temporary failure, from the engine's error code; none if the failure is permanent. PostgreSQL's SQLSTATE has five characters.
@@ -186,25 +174,17 @@ fn reason_of_code(code: &str) -> Option<&'static str> {
 const BY_TRIGGER: [&str; 3] = ["1811", "23000", "P0001"];
 
 impl Error {
-    /// Converts a trigger's refusal of a release to a [`Conflict`]; other errors are converted as usual.
-    pub(super) fn from_release(error: sqlx::Error) -> Self {
-        Self::from_trigger(error, |why| Conflict::RefusedBySchema { why })
-    }
-
-    /// Converts a trigger's refusal to the conflict that `conflict` makes from the trigger's message; other errors are converted as usual.
-    pub(super) fn from_trigger(
-        error: sqlx::Error,
-        conflict: impl FnOnce(String) -> Conflict,
-    ) -> Self {
-        match error.as_database_error() {
-            Some(refusal)
+    /// Converts a trigger's refusal to the conflict that `conflict` makes from the trigger's message. Other errors stay as they are.
+    pub(super) fn of_trigger(self, conflict: impl FnOnce(String) -> Conflict) -> Self {
+        match &self {
+            Self::Database(sqlx::Error::Database(refusal))
                 if refusal
                     .code()
                     .is_some_and(|code| BY_TRIGGER.contains(&&*code)) =>
             {
                 conflict(refusal.message().to_owned()).into()
             }
-            _ => error.into(),
+            _ => self,
         }
     }
 }

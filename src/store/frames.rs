@@ -5,8 +5,8 @@ use serde_json::{Value, json};
 use super::audit::{ExpectedEntry, audited};
 use super::from_row::row;
 use super::id_prefix::IdPrefix;
-use super::read;
-use super::{AuditEvent, Conflict, Error, Hashed, Result, Store, Tx};
+use super::sql::{self, values};
+use super::{AuditEvent, Conflict, Hashed, Result, Store, Tx};
 use crate::wire::canonical;
 
 row! {
@@ -64,17 +64,17 @@ audited!(FramesRow, id, |row| vec![ExpectedEntry::at(
 
 /// Stores frames.
 pub async fn insert(tx: &mut Tx, new: &NewFrames) -> Result<FramesRow> {
-    let query = sqlx::query_as(INSERT)
-        .bind(IdPrefix::Frames.new_id())
-        .bind(&new.robot_id)
-        .bind(&new.content_type)
-        .bind(new.body.content().as_slice())
-        .bind(&new.result_json);
     tx.require_disk_space()?;
-    let row: FramesRow = query
-        .fetch_one(tx.connection())
+    let values = values![
+        IdPrefix::Frames.new_id(),
+        new.robot_id,
+        new.content_type,
+        new.body.content(),
+        new.result_json
+    ];
+    let row: FramesRow = sql::one(tx.connection(), INSERT, values)
         .await
-        .map_err(|error| Error::from_trigger(error, |_| Conflict::RobotArchived))?;
+        .map_err(|error| error.of_trigger(|_| Conflict::RobotArchived))?;
     tx.audit(AuditEvent::FramesCreated, &row.id, as_created(&row));
     tx.audit_field("sha256", new.body.sha256().into());
     Ok(row)
@@ -82,5 +82,5 @@ pub async fn insert(tx: &mut Tx, new: &NewFrames) -> Result<FramesRow> {
 
 /// The frames with this id.
 pub async fn get(store: &Store, id: &str) -> Result<FramesRow> {
-    read::one(store.readers(), GET, id).await
+    sql::one(store.readers(), GET, values![id]).await
 }

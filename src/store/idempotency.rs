@@ -4,6 +4,7 @@ use serde_json::{Value, json};
 use sqlx::any::AnyRow;
 use sqlx::{Any, Executor, FromRow, Row};
 
+use super::sql::{self, values};
 use super::{Error, Result, Store, Tx};
 use crate::wire::canonical;
 
@@ -79,10 +80,7 @@ impl Store {
     /// Deletes expired Idempotency-Keys and their answers.
     pub async fn forget_old_keys(&self) -> Result<()> {
         let mut tx = self.begin().await?;
-        sqlx::query(FORGET_OLD)
-            .bind(KEPT_MS)
-            .execute(tx.connection())
-            .await?;
+        sql::execute(tx.connection(), FORGET_OLD, values![KEPT_MS]).await?;
         tx.commit().await
     }
 
@@ -124,33 +122,29 @@ impl Store {
 }
 
 async fn claim(tx: &mut Tx, scope: &IdempotencyScope) -> Result<bool> {
-    let query = sqlx::query(CLAIM)
-        .bind(&scope.holder)
-        .bind(&scope.method)
-        .bind(&scope.path)
-        .bind(&scope.key);
-    Ok(query
-        .bind(&scope.request_sha256)
-        .execute(tx.connection())
-        .await?
-        .rows_affected()
-        == 1)
+    let IdempotencyScope {
+        holder,
+        method,
+        path,
+        key,
+        request_sha256,
+    } = scope;
+    let values = values![holder, method, path, key, request_sha256];
+    Ok(sql::execute(tx.connection(), CLAIM, values).await? == 1)
 }
 
 async fn answer(tx: &mut Tx, scope: &IdempotencyScope, response: &StoredResponse) -> Result<()> {
-    let query = sqlx::query(ANSWER)
-        .bind(&scope.holder)
-        .bind(&scope.method)
-        .bind(&scope.path)
-        .bind(&scope.key);
-    let query = query
-        .bind(i64::from(response.status))
-        .bind(response.location.as_deref())
-        .bind(&response.content_type);
-    query
-        .bind(response.body.as_slice())
-        .execute(tx.connection())
-        .await?;
+    let values = values![
+        scope.holder,
+        scope.method,
+        scope.path,
+        scope.key,
+        i64::from(response.status),
+        response.location,
+        response.content_type,
+        response.body
+    ];
+    sql::execute(tx.connection(), ANSWER, values).await?;
     let (request, answer) = hashes(scope, response);
     tx.audit_field(ANSWER_HASHES_FIELD, json!([request, answer]));
     Ok(())
@@ -229,12 +223,8 @@ async fn find(
     connection: impl Executor<'_, Database = Any>,
     scope: &IdempotencyScope,
 ) -> Result<Option<IdempotentOutcome>> {
-    let query = sqlx::query_as(FIND)
-        .bind(&scope.holder)
-        .bind(&scope.method)
-        .bind(&scope.path)
-        .bind(&scope.key);
-    let found: Option<Found> = query.fetch_optional(connection).await?;
+    let values = values![scope.holder, scope.method, scope.path, scope.key];
+    let found: Option<Found> = sql::first(connection, FIND, values).await?;
     let Some((request_sha256, status, location, content_type, body)) = found else {
         return Ok(None);
     };

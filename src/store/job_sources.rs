@@ -2,6 +2,7 @@
 //! source job identified, or its residual network was trained on from the source job's network.
 
 use super::from_row::row;
+use super::sql::{self, values};
 use super::{Result, Store, Tx};
 
 pub(super) const ALL_QUERIES: &[&str] = &[INSERT_HELD, INSERT_RESIDUAL, UPLOADS];
@@ -34,20 +35,18 @@ row! {
 
 /// Stores the sources of a new job that holds the values of a parameter set. The sources of a job never change.
 pub(super) async fn insert_held(tx: &mut Tx, job_id: &str, parameter_set_id: &str) -> Result<()> {
-    let query = sqlx::query(INSERT_HELD).bind(job_id).bind(parameter_set_id);
-    query.execute(tx.connection()).await?;
+    let values = values![job_id, parameter_set_id];
+    sql::execute(tx.connection(), INSERT_HELD, values).await?;
     Ok(())
 }
 
 /// Stores the sources of a job that continued the training of an earlier residual network and kept the result.
 pub async fn insert_residual(tx: &mut Tx, job_id: &str) -> Result<()> {
-    let query = sqlx::query(INSERT_RESIDUAL).bind(job_id);
-    query.execute(tx.connection()).await?;
+    sql::execute(tx.connection(), INSERT_RESIDUAL, values![job_id]).await?;
     Ok(())
 }
 
 /// Uploads of the job's sources.
 pub async fn uploads(store: &Store, job_id: &str) -> Result<Vec<SourceUpload>> {
-    let query = sqlx::query_as(UPLOADS).bind(job_id);
-    Ok(query.fetch_all(store.readers()).await?)
+    sql::all(store.readers(), UPLOADS, values![job_id]).await
 }

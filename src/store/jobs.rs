@@ -6,10 +6,8 @@ use super::audit::{ExpectedEntry, audited};
 use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
-use super::read;
-use super::{
-    AuditEvent, Conflict, Error, ListRequest, Listed, Result, Store, Tx, job_sessions, job_sources,
-};
+use super::sql::{self, values};
+use super::{AuditEvent, Conflict, Error, ListRequest, Page, Result, Store, Tx, job_sources};
 use crate::wire::canonical;
 use crate::wire::job::{Kind, Method};
 use crate::wire::job_answer::{Finding, JobStatus};
@@ -118,9 +116,8 @@ pub struct NewJob {
     pub robot_id: String,
     /// Version of the robot that the request was checked with; 0 or 1 for the robot as it was created.
     pub robot_version: i64,
-    pub measurement_set_id: String,
-    /// The sets of further sessions, in their order.
-    pub further_set_ids: Vec<String>,
+    /// The measurement sets, in their order: one for each session.
+    pub set_ids: Vec<String>,
     pub verify_set_id: Option<String>,
     pub frames_id: Option<String>,
     pub network_input_id: Option<String>,
@@ -136,6 +133,15 @@ pub struct NewJob {
     pub client: String,
 }
 
+/// SQL for the ids of a job's further sets: in order, separated by commas.
+macro_rules! further_set_ids {
+    () => {
+        "coalesce((select string_agg(s.measurement_set_id, ',' order by s.place) from job_session s where s.job_id = job.id), '')"
+    };
+}
+
+pub(super) use further_set_ids;
+
 macro_rules! columns {
     () => {
         concat!("id, robot_id, measurement_set_id, verify_set_id, frames_id, network_input_id,
@@ -145,7 +151,7 @@ macro_rules! columns {
          (select n.id from network n where n.job_id = job.id) as network_id,
          (select r.id from residual_network r where r.job_id = job.id) as residual_network_id,
          coalesce((select v.version from job_robot_version v where v.job_id = job.id), 1) as robot_version,
-         ", crate::store::job_sessions::further_set_ids!(), " as further_set_ids,
+         ", crate::store::jobs::further_set_ids!(), " as further_set_ids,
          (select a.archived_at_ms from archived a where a.id = job.id) as archived_at_ms,
          (select m.name from measurement_set m where m.id = job.measurement_set_id) as measurement_set_name,
          (select v.before_rms_mm from verification v where v.job_id = job.id) as before_rms_mm,
@@ -160,6 +166,7 @@ pub(super) use columns;
 pub(super) const ALL_QUERIES: &[&str] = &[
     INSERT,
     INSERT_VERSION,
+    INSERT_SESSION,
     GET,
     REPORT,
     CONVERGENCE,
@@ -190,6 +197,9 @@ const INSERT: &str = concat!(
 const GET: &str = concat!("select ", columns!(), " from job where id = $1");
 
 const INSERT_VERSION: &str = "insert into job_robot_version (job_id, version) values ($1, $2)";
+
+const INSERT_SESSION: &str =
+    "insert into job_session (job_id, place, measurement_set_id) values ($1, $2, $3)";
 
 macro_rules! filter {
     ($robots:literal) => {
@@ -292,63 +302,59 @@ audited!(JobWithClient, job.id, |row| {
 /// [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<JobRow> {
     tx.require_disk_space()?;
+    let (first_set_id, further_set_ids) = new.set_ids.split_first().ok_or(Error::NotFound)?;
     let id = IdPrefix::Job.new_id();
-    let query = sqlx::query_as(INSERT)
-        .bind(&id)
-        .bind(&new.robot_id)
-        .bind(&new.measurement_set_id)
-        .bind(new.verify_set_id.as_deref())
-        .bind(new.frames_id.as_deref())
-        .bind(new.network_input_id.as_deref())
-        .bind(new.residual_network_input_id.as_deref())
-        .bind(new.parameter_set_input_id.as_deref())
-        .bind(new.kind.as_str())
-        .bind(new.method.as_str())
-        .bind(&new.request_json)
-        .bind(new.priority)
-        .bind(&new.client)
-        .bind(limit);
-    let row: Option<JobRow> = query
-        .fetch_optional(tx.connection())
+    let values = values![
+        id,
+        new.robot_id,
+        first_set_id,
+        new.verify_set_id,
+        new.frames_id,
+        new.network_input_id,
+        new.residual_network_input_id,
+        new.parameter_set_input_id,
+        new.kind.as_str(),
+        new.method.as_str(),
+        new.request_json,
+        new.priority,
+        new.client,
+        limit
+    ];
+    let row: Option<JobRow> = sql::first(tx.connection(), INSERT, values)
         .await
-        .map_err(|error| Error::from_trigger(error, |_| Conflict::RobotArchived))?;
+        .map_err(|error| error.of_trigger(|_| Conflict::RobotArchived))?;
     let mut row = row.ok_or(Conflict::QueueFull {
         limit: limit.unwrap_or_default(),
     })?;
     if new.robot_version > 1 {
-        sqlx::query(INSERT_VERSION)
-            .bind(&id)
-            .bind(new.robot_version)
-            .execute(tx.connection())
-            .await?;
+        let values = values![id, new.robot_version];
+        sql::execute(tx.connection(), INSERT_VERSION, values).await?;
         row.robot_version = new.robot_version;
     }
     let held = new.parameter_set_input_id.as_deref();
     if let Some(held) = held.filter(|_| new.holds_parameter_set) {
         job_sources::insert_held(tx, &id, held).await?;
     }
-    job_sessions::insert(tx, &id, &new.further_set_ids).await?;
-    row.further_set_ids = new.further_set_ids.join(",");
+    for (place, set_id) in (1_i64..).zip(further_set_ids) {
+        sql::execute(tx.connection(), INSERT_SESSION, values![id, place, set_id]).await?;
+    }
+    row.further_set_ids = further_set_ids.join(",");
     tx.audit(AuditEvent::JobCreated, &id, as_created(&row, &new.client));
     Ok(row)
 }
 
 /// One job.
 pub async fn get(store: &Store, id: &str) -> Result<JobRow> {
-    read::one(store.readers(), GET, id).await
+    sql::one(store.readers(), GET, values![id]).await
 }
 
 /// One job, as this transaction sees it.
 pub async fn get_in(tx: &mut Tx, id: &str) -> Result<JobRow> {
-    read::one(tx.connection(), GET, id).await
+    sql::one(tx.connection(), GET, values![id]).await
 }
 
 /// A robot's jobs, filtered by status, kind and archived state.
-pub async fn search(
-    store: &Store,
-    robot_id: &str,
-    request: &ListRequest,
-) -> Result<Listed<JobRow>> {
+pub async fn search(store: &Store, robot_id: &str, request: &ListRequest) -> Result<Page<JobRow>> {
     listing::list(store, &OF_ROBOT, &filters(robot_id, request), request).await
 }
 
@@ -357,7 +363,7 @@ pub async fn search_all(
     store: &Store,
     only: Option<&[String]>,
     request: &ListRequest,
-) -> Result<Listed<JobRow>> {
+) -> Result<Page<JobRow>> {
     let only = only.map_or(String::new(), |ids| format!(",{}", ids.join(",")));
     listing::list(store, &OF_ROBOTS, &filters(&only, request), request).await
 }
@@ -388,35 +394,28 @@ pub async fn convergence(store: &Store, id: &str) -> Result<String> {
 }
 
 async fn document(store: &Store, query: &'static str, id: &str) -> Result<String> {
-    let row: DocumentRow = read::one(store.readers(), query, id).await?;
+    let row: DocumentRow = sql::one(store.readers(), query, values![id]).await?;
     let status = row.status;
     row.document.ok_or(Conflict::JobStatus { status }.into())
 }
 
 /// Whether any job is queued.
 pub async fn any_queued(store: &Store) -> Result<bool> {
-    let one: Option<i64> = sqlx::query_scalar(ANY_QUEUED)
-        .fetch_optional(store.readers())
-        .await?;
+    let one: Option<i64> = sql::first_value(store.readers(), ANY_QUEUED, values![]).await?;
     Ok(one.is_some())
 }
 
 /// Whether a suspect job is queued. A suspect is a job during which a process died.
 pub async fn any_suspect_queued(store: &Store) -> Result<bool> {
-    let one: Option<i64> = sqlx::query_scalar(ANY_SUSPECT_QUEUED)
-        .fetch_optional(store.readers())
-        .await?;
+    let query = ANY_SUSPECT_QUEUED;
+    let one: Option<i64> = sql::first_value(store.readers(), query, values![]).await?;
     Ok(one.is_some())
 }
 
 /// Cancels a job. A queued job is cancelled at once. For a running job the cancellation is requested, and the worker sees the request at its next
 /// heartbeat. A job that has ended does not change.
 pub async fn cancel(tx: &mut Tx, id: &str) -> Result<JobRow> {
-    let changed = sqlx::query(CANCEL)
-        .bind(id)
-        .execute(tx.connection())
-        .await?
-        .rows_affected();
+    let changed = sql::execute(tx.connection(), CANCEL, values![id]).await?;
     let row = get_in(tx, id).await?;
     if changed > 0 {
         let event = if row.status == JobStatus::Cancelled {

@@ -1,6 +1,7 @@
 //! The uploads of a robot with which a job compares its points, to find out how old they are.
 
 use super::from_row::row;
+use super::sql::{self, values};
 use super::{AuditEvent, Result, Store};
 
 row! {
@@ -64,22 +65,14 @@ pub async fn newest(
     is_session: bool,
     limit: i64,
 ) -> Result<Vec<KnownUpload>> {
-    Ok(sqlx::query_as(NEWEST)
-        .bind(robot_id)
-        .bind(check_seq)
-        .bind(limit)
-        .bind(AuditEvent::MeasurementSetCreated.as_str())
-        .bind(i64::from(is_session))
-        .fetch_all(store.readers())
-        .await?)
+    let created = AuditEvent::MeasurementSetCreated.as_str();
+    let values = values![robot_id, check_seq, limit, created, i64::from(is_session)];
+    sql::all(store.readers(), NEWEST, values).await
 }
 
 /// Whether a job of a kind other than `check` has used an upload of the robot.
 pub async fn is_used(store: &Store, robot_id: &str, measurement_set_id: &str) -> Result<bool> {
-    let n: i64 = sqlx::query_scalar(IS_USED)
-        .bind(robot_id)
-        .bind(measurement_set_id)
-        .fetch_one(store.readers())
-        .await?;
+    let values = values![robot_id, measurement_set_id];
+    let n: i64 = sql::value(store.readers(), IS_USED, values).await?;
     Ok(n > 0)
 }

@@ -4,7 +4,9 @@
 use std::time::Duration;
 
 use serde_json::json;
+use sqlx::any::AnyArguments;
 
+use super::sql::{self, values};
 use super::{
     AuditEvent, Conflict, Engine, Hashed, JobRow, Result, Store, Tx, jobs, report_summaries,
 };
@@ -89,13 +91,22 @@ macro_rules! claim {
     };
 }
 
-/// The fencing condition: the job is still running, with this owner and this attempt.
+/// An update with the fencing condition: the job is still running, with this owner and this attempt.
 macro_rules! fenced {
-    ($update:literal) => {
+    ($update:literal, $returning:literal) => {
         concat!(
+            "update job set ",
             $update,
-            " where id = $1 and owner = $2 and attempt = $3 and status = 'running'"
+            " where id = $1 and owner = $2 and attempt = $3 and status = 'running' returning ",
+            $returning
         )
+    };
+}
+
+/// The values of the fencing condition, and those of the update.
+macro_rules! fenced_values {
+    ($lease:ident $(, $value:expr)*) => {
+        values![$lease.job_id, $lease.owner, $lease.attempt $(, $value)*]
     };
 }
 
@@ -150,49 +161,39 @@ const CLAIM_SUSPECT_SQLITE: &str = claim!("> 0", "");
 const CLAIM_POSTGRES: &str = claim!("= 0", " for update skip locked");
 const CLAIM_SUSPECT_POSTGRES: &str = claim!("> 0", " for update skip locked");
 
-const HEARTBEAT: &str = concat!(
-    fenced!(
-        "update job set lease_until_ms = (select now_ms from clock) + $4, progress_json = coalesce($5, progress_json)"
-    ),
-    " returning cancel_requested_at_ms"
+const HEARTBEAT: &str = fenced!(
+    "lease_until_ms = (select now_ms from clock) + $4, progress_json = coalesce($5, progress_json)",
+    "cancel_requested_at_ms"
 );
 
-const SUCCEED: &str = concat!(
-    fenced!(
-        "update job set
-         status = case when cancel_requested_at_ms is null then 'succeeded' else 'cancelled' end,
-         report_json = case when cancel_requested_at_ms is null then $4 end,
-         convergence_json = case when cancel_requested_at_ms is null then $5 end,
-         result_sha256 = case when cancel_requested_at_ms is null then $6 end,
-         lease_until_ms = null, finished_at_ms = (select now_ms from clock)"
-    ),
-    " returning status"
+const SUCCEED: &str = fenced!(
+    "status = case when cancel_requested_at_ms is null then 'succeeded' else 'cancelled' end,
+     report_json = case when cancel_requested_at_ms is null then $4 end,
+     convergence_json = case when cancel_requested_at_ms is null then $5 end,
+     result_sha256 = case when cancel_requested_at_ms is null then $6 end,
+     lease_until_ms = null, finished_at_ms = (select now_ms from clock)",
+    "status"
 );
 
-const FAIL: &str = concat!(
-    fenced!(
-        "update job set
-         status = case when cancel_requested_at_ms is null then 'failed' else 'cancelled' end,
-         error_json = case when cancel_requested_at_ms is null then $4 end,
-         lease_until_ms = null, finished_at_ms = (select now_ms from clock)"
-    ),
-    " returning status"
+const FAIL: &str = fenced!(
+    "status = case when cancel_requested_at_ms is null then 'failed' else 'cancelled' end,
+     error_json = case when cancel_requested_at_ms is null then $4 end,
+     lease_until_ms = null, finished_at_ms = (select now_ms from clock)",
+    "status"
 );
 
 const CANCELLED: &str = fenced!(
-    "update job set status = 'cancelled', lease_until_ms = null, finished_at_ms = (select now_ms from clock)"
+    "status = 'cancelled', lease_until_ms = null, finished_at_ms = (select now_ms from clock)",
+    "status"
 );
 
-const GIVE_UP: &str = fenced!("update job set lease_until_ms = 0");
+const GIVE_UP: &str = fenced!("lease_until_ms = 0", "status");
 
-const HAND_BACK: &str = concat!(
-    fenced!(
-        "update job set
-         status = case when cancel_requested_at_ms is null then 'queued' else 'cancelled' end,
-         finished_at_ms = case when cancel_requested_at_ms is null then null else (select now_ms from clock) end,
-         attempt = attempt - 1, owner = null, lease_until_ms = null, started_at_ms = null, progress_json = null"
-    ),
-    " returning status"
+const HAND_BACK: &str = fenced!(
+    "status = case when cancel_requested_at_ms is null then 'queued' else 'cancelled' end,
+     finished_at_ms = case when cancel_requested_at_ms is null then null else (select now_ms from clock) end,
+     attempt = attempt - 1, owner = null, lease_until_ms = null, started_at_ms = null, progress_json = null",
+    "status"
 );
 
 const N_EXPIRED: &str = "select count(*) from job where status = 'running' and lease_until_ms < (select now_ms from clock)";
@@ -253,11 +254,7 @@ pub async fn claim_in(
         (Engine::Postgres, Eligible::Unsuspected) => CLAIM_POSTGRES,
         (Engine::Postgres, Eligible::Suspect) => CLAIM_SUSPECT_POSTGRES,
     };
-    Ok(sqlx::query_as(statement)
-        .bind(owner)
-        .bind(millis(lease))
-        .fetch_optional(tx.connection())
-        .await?)
+    sql::first(tx.connection(), statement, values![owner, millis(lease)]).await
 }
 
 /// Renews a lease, stores the progress if there is some, and reads the cancel flag, all in one statement.
@@ -268,12 +265,9 @@ pub async fn heartbeat(
     progress_json: Option<&str>,
 ) -> Result<Heartbeat> {
     let mut tx = store.begin().await?;
-    let query = sqlx::query_scalar(HEARTBEAT)
-        .bind(&lease.job_id)
-        .bind(&lease.owner)
-        .bind(lease.attempt);
-    let query = query.bind(millis(duration)).bind(progress_json);
-    let cancel_requested_at_ms: Option<Option<i64>> = query.fetch_optional(tx.connection()).await?;
+    let values = fenced_values![lease, millis(duration), progress_json];
+    let cancel_requested_at_ms: Option<Option<i64>> =
+        sql::first_value(tx.connection(), HEARTBEAT, values).await?;
     tx.commit().await?;
     let cancel_requested_at_ms = cancel_requested_at_ms.ok_or(Conflict::LeaseLost)?;
     Ok(Heartbeat {
@@ -286,83 +280,64 @@ pub async fn heartbeat(
 /// # Errors
 /// [`Conflict::LeaseLost`], [`super::Error::Database`]; the transaction must then not be committed.
 pub async fn succeed(tx: &mut Tx, lease: &Lease, result: &JobResult<'_>) -> Result<bool> {
-    let query = sqlx::query_scalar(SUCCEED)
-        .bind(&lease.job_id)
-        .bind(&lease.owner)
-        .bind(lease.attempt);
-    let query = query
-        .bind(result.report_json.content())
-        .bind(result.convergence_json.content())
-        .bind(result.result_sha256);
-    let status: Option<String> = query.fetch_optional(tx.connection()).await?;
-    if status.ok_or(Conflict::LeaseLost)? == "cancelled" {
-        note(tx, lease, AuditEvent::JobCancelled, json!({}));
+    let values = fenced_values![
+        lease,
+        result.report_json.content(),
+        result.convergence_json.content(),
+        result.result_sha256
+    ];
+    if !end(tx, lease, SUCCEED, values).await? {
         return Ok(false);
     }
     report_summaries::insert(tx, &lease.job_id, result.summary_json).await?;
     let detail = json!({"result_sha256": result.result_sha256, "report_sha256": result.report_json.sha256(),
         "convergence_sha256": result.convergence_json.sha256()});
-    note(tx, lease, AuditEvent::JobSucceeded, detail);
+    tx.audit(AuditEvent::JobSucceeded, &lease.job_id, detail);
     Ok(true)
 }
 
 /// Ends a job with an error. If cancellation was requested, the job is cancelled instead.
 pub async fn fail(tx: &mut Tx, lease: &Lease, error_json: &str) -> Result<bool> {
-    let query = sqlx::query_scalar(FAIL)
-        .bind(&lease.job_id)
-        .bind(&lease.owner)
-        .bind(lease.attempt)
-        .bind(error_json);
-    let status: Option<String> = query.fetch_optional(tx.connection()).await?;
-    let is_cancelled = status.ok_or(Conflict::LeaseLost)? == "cancelled";
-    match is_cancelled {
-        true => note(tx, lease, AuditEvent::JobCancelled, json!({})),
-        false => note(
-            tx,
-            lease,
-            AuditEvent::JobFailed,
-            jobs::as_failed(error_json),
-        ),
+    let has_failed = end(tx, lease, FAIL, fenced_values![lease, error_json]).await?;
+    if has_failed {
+        let detail = jobs::as_failed(error_json);
+        tx.audit(AuditEvent::JobFailed, &lease.job_id, detail);
     }
-    Ok(!is_cancelled)
+    Ok(has_failed)
 }
 
 /// Ends a job as cancelled.
 pub async fn cancelled(tx: &mut Tx, lease: &Lease) -> Result<()> {
-    let query = sqlx::query(CANCELLED)
-        .bind(&lease.job_id)
-        .bind(&lease.owner)
-        .bind(lease.attempt);
-    held(query.execute(tx.connection()).await?.rows_affected())?;
-    note(tx, lease, AuditEvent::JobCancelled, json!({}));
+    end(tx, lease, CANCELLED, fenced_values![lease]).await?;
     Ok(())
 }
 
 /// Puts a job back into the queue without counting the attempt. If cancellation was requested, the job is cancelled instead.
 pub async fn hand_back(tx: &mut Tx, lease: &Lease) -> Result<()> {
-    let query = sqlx::query_scalar(HAND_BACK)
-        .bind(&lease.job_id)
-        .bind(&lease.owner)
-        .bind(lease.attempt);
-    let status: Option<String> = query.fetch_optional(tx.connection()).await?;
-    if status.ok_or(Conflict::LeaseLost)? == "cancelled" {
-        note(tx, lease, AuditEvent::JobCancelled, json!({}));
-    }
+    end(tx, lease, HAND_BACK, fenced_values![lease]).await?;
     Ok(())
 }
 
 /// Ends the lease without a result. The attempt counts.
 pub async fn give_up(tx: &mut Tx, lease: &Lease) -> Result<()> {
-    let query = sqlx::query(GIVE_UP)
-        .bind(&lease.job_id)
-        .bind(&lease.owner)
-        .bind(lease.attempt);
-    held(query.execute(tx.connection()).await?.rows_affected())
+    end(tx, lease, GIVE_UP, fenced_values![lease]).await?;
+    Ok(())
 }
 
-fn note(tx: &mut Tx, lease: &Lease, event: AuditEvent, detail: serde_json::Value) {
+/// Runs an update that ends an attempt, as the worker. Returns false if the job is cancelled now.
+async fn end(
+    tx: &mut Tx,
+    lease: &Lease,
+    update: &'static str,
+    values: AnyArguments,
+) -> Result<bool> {
     tx.act_as(&lease.owner);
-    tx.audit(event, &lease.job_id, detail);
+    let status: Option<String> = sql::first_value(tx.connection(), update, values).await?;
+    let is_cancelled = status.ok_or(Conflict::LeaseLost)? == "cancelled";
+    if is_cancelled {
+        tx.audit(AuditEvent::JobCancelled, &lease.job_id, json!({}));
+    }
+    Ok(!is_cancelled)
 }
 
 /// The problem documents of jobs that are given up.
@@ -378,16 +353,12 @@ pub struct Exhausted {
 /// after `max_attempts` attempts that the job itself ended, or after [`MAX_DEATHS_ALONE`] deaths of a process that computed only this job.
 pub async fn expire(store: &Store, max_attempts: i64, exhausted: &Exhausted) -> Result<Expired> {
     // Usually no lease has expired. Reading this first avoids the write lock.
-    let n_expired: i64 = sqlx::query_scalar(N_EXPIRED)
-        .fetch_one(store.readers())
-        .await?;
+    let n_expired: i64 = sql::value(store.readers(), N_EXPIRED, values![]).await?;
     if n_expired == 0 {
         return Ok(Expired::default());
     }
     let mut tx = store.begin().await?;
-    let cancelled = sqlx::query_scalar(EXPIRE_CANCELLED)
-        .fetch_all(tx.connection())
-        .await?;
+    let cancelled = sql::all_values(tx.connection(), EXPIRE_CANCELLED, values![]).await?;
     let mut failed: Vec<String> = Vec::new();
     for (statement, limit, problem_json) in [
         (
@@ -401,19 +372,16 @@ pub async fn expire(store: &Store, max_attempts: i64, exhausted: &Exhausted) -> 
             &exhausted.by_deaths_json,
         ),
     ] {
-        let query = sqlx::query_scalar(statement).bind(limit).bind(problem_json);
-        let ids: Vec<String> = query.fetch_all(tx.connection()).await?;
+        let values = values![limit, problem_json];
+        let ids: Vec<String> = sql::all_values(tx.connection(), statement, values).await?;
         for id in &ids {
             tx.audit(AuditEvent::JobFailed, id, jobs::as_failed(problem_json));
             tx.audit_field("code", "attempts_exhausted".into());
         }
         failed.extend(ids);
     }
-    let queued = sqlx::query_scalar(EXPIRE_QUEUED)
-        .bind(max_attempts)
-        .bind(MAX_DEATHS_ALONE)
-        .fetch_all(tx.connection())
-        .await?;
+    let values = values![max_attempts, MAX_DEATHS_ALONE];
+    let queued = sql::all_values(tx.connection(), EXPIRE_QUEUED, values).await?;
     cancelled
         .iter()
         .for_each(|id: &String| tx.audit(AuditEvent::JobCancelled, id, json!({})));
@@ -428,18 +396,10 @@ pub async fn expire(store: &Store, max_attempts: i64, exhausted: &Exhausted) -> 
 /// Ends every lease. Only the process that has locked the data directory may call this: all earlier workers are then dead.
 pub(super) async fn end_all(store: &Store) -> Result<()> {
     let mut tx = store.begin().await?;
-    sqlx::query(END_ALL).execute(tx.connection()).await?;
+    sql::execute(tx.connection(), END_ALL, values![]).await?;
     tx.commit().await
 }
 
 fn millis(duration: Duration) -> i64 {
     i64::try_from(duration.as_millis()).unwrap_or(i64::MAX / 2)
-}
-
-fn held(rows: u64) -> Result<()> {
-    if rows == 0 {
-        Err(Conflict::LeaseLost.into())
-    } else {
-        Ok(())
-    }
 }

@@ -1,18 +1,19 @@
 //! Filtered and sorted lists, with the total number of items.
 
-use sqlx::any::{AnyArguments, AnyRow};
-use sqlx::query::{QueryAs, QueryScalar};
-use sqlx::{Any, AssertSqlSafe, FromRow};
+use sqlx::AssertSqlSafe;
 
 use super::page::{Cursor, CursorKey};
-use super::{Page, PageRequest, Result, Store};
-use crate::wire::page::{ArchivedFilter, Sort};
+use super::sql::Row;
+use super::{Page, Result, Store};
+use crate::wire::page::{ArchivedFilter, MAX_PAGE, Sort};
 
-/// Request for a page of a filtered list.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+/// Request for a page of a list.
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ListRequest {
-    /// The page.
-    pub page: PageRequest,
+    /// Maximum number of items on the page; clamped to 1..=[`MAX_PAGE`].
+    pub limit: u32,
+    /// End of the previous page; none for the first page.
+    pub cursor: Option<Cursor>,
     /// Order of the items. A cursor that belongs to another order is ignored.
     pub sort: Sort,
     /// Whether archived items are listed.
@@ -25,28 +26,23 @@ pub struct ListRequest {
     pub kind: &'static str,
 }
 
-/// One page of a filtered list.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Listed<T> {
-    /// The page.
-    pub page: Page<T>,
-    /// Number of items on all pages.
-    pub total: i64,
-}
-
 impl ListRequest {
     /// Every item, newest first.
-    pub fn all(page: &PageRequest) -> Self {
+    pub fn all() -> Self {
         Self {
-            page: page.clone(),
+            limit: MAX_PAGE,
+            cursor: None,
+            sort: Sort::default(),
             archived: ArchivedFilter::All,
-            ..Self::default()
+            search: String::new(),
+            status: "",
+            kind: "",
         }
     }
 
     /// Whether the cursor, if there is one, belongs to the requested order.
     pub fn is_consistent(&self) -> bool {
-        let cursor = self.page.cursor.as_ref();
+        let cursor = self.cursor.as_ref();
         cursor.is_none_or(|cursor| cursor.sort == self.sort)
     }
 
@@ -118,7 +114,7 @@ impl ListQueries {
 }
 
 /// A row of a list.
-pub(super) trait ListRow: for<'r> FromRow<'r, AnyRow> + Send + Unpin {
+pub(super) trait ListRow: Row {
     fn created_at_ms(&self) -> i64;
 
     fn id(&self) -> &str;
@@ -150,40 +146,36 @@ macro_rules! list_row {
 }
 pub(super) use list_row;
 
-type Rows<T> = QueryAs<'static, Any, T, AnyArguments>;
-
-/// Reads a page. `filters` are the values of the filter's parameters.
-pub(super) async fn page<T: ListRow>(
+/// Reads a page, and counts the items of all pages. `filters` are the values of the filter's parameters.
+pub(super) async fn list<T: ListRow>(
     store: &Store,
     queries: &ListQueries,
     filters: &[&str],
     request: &ListRequest,
 ) -> Result<Page<T>> {
-    let limit = request.page.limit();
-    let cursor = request.page.cursor.as_ref();
+    let limit = request.limit.clamp(1, MAX_PAGE) as usize;
+    let cursor = request.cursor.as_ref();
     let cursor = cursor.filter(|cursor| cursor.sort == request.sort);
-    let id = cursor.map(|cursor| cursor.id.clone()).unwrap_or_default();
+    let id = cursor.map_or("", |cursor| &cursor.id);
     let is_by_name = request.sort.is_by_name() && queries.name.is_some();
-    let mut query: Rows<T> = sqlx::query_as(AssertSqlSafe(queries.page(request.sort)));
+    let mut query = sqlx::query_as(AssertSqlSafe(queries.page(request.sort)));
+    let mut count = sqlx::query_scalar(AssertSqlSafe(queries.count()));
     for filter in filters {
-        query = query.bind((*filter).to_owned());
+        query = query.bind(*filter);
+        count = count.bind(*filter);
     }
-    let beyond = if request.sort == Sort::Oldest {
-        i64::MIN
-    } else {
-        i64::MAX
-    };
     query = match cursor.map(|cursor| &cursor.key) {
-        Some(CursorKey::Name(name)) => query.bind(name.clone()),
-        Some(CursorKey::CreatedAtMs(at_ms)) => query.bind(*at_ms),
-        None if is_by_name => query.bind(String::new()),
-        None => query.bind(beyond),
+        Some(CursorKey::Name(name)) => query.bind(name),
+        Some(CursorKey::CreatedAtMs(at_ms)) => query.bind(at_ms),
+        None if is_by_name => query.bind(""),
+        None if request.sort == Sort::Oldest => query.bind(i64::MIN),
+        None => query.bind(i64::MAX),
     };
     query = query.bind(id).bind(limit as i64 + 1);
     if is_by_name {
         query = query.bind(i64::from(cursor.is_none()));
     }
-    let mut rows = query.fetch_all(store.readers()).await?;
+    let mut rows: Vec<T> = query.fetch_all(store.readers()).await?;
     let more = rows.len() > limit;
     rows.truncate(limit);
     let next_cursor = rows.last().filter(|_| more).map(|last| Cursor {
@@ -197,24 +189,6 @@ pub(super) async fn page<T: ListRow>(
     Ok(Page {
         items: rows,
         next_cursor,
-    })
-}
-
-/// Reads a page and counts the items of all pages.
-pub(super) async fn list<T: ListRow>(
-    store: &Store,
-    queries: &ListQueries,
-    filters: &[&str],
-    request: &ListRequest,
-) -> Result<Listed<T>> {
-    let page = page(store, queries, filters, request).await?;
-    let mut query: QueryScalar<'static, Any, i64, AnyArguments> =
-        sqlx::query_scalar(AssertSqlSafe(queries.count()));
-    for filter in filters {
-        query = query.bind((*filter).to_owned());
-    }
-    Ok(Listed {
-        page,
-        total: query.fetch_one(store.readers()).await?,
+        total: count.fetch_one(store.readers()).await?,
     })
 }

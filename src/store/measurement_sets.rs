@@ -6,8 +6,8 @@ use super::audit::{ExpectedEntry, audited};
 use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
-use super::read::{self, rows_after};
-use super::{AuditEvent, Conflict, Error, ListRequest, Listed, Result, Store, Tx};
+use super::sql::{self, rows_after, values};
+use super::{AuditEvent, Conflict, ListRequest, Page, Result, Store, Tx};
 use crate::wire::canonical;
 use crate::wire::measurement::Frame;
 
@@ -151,47 +151,46 @@ audited!(MeasurementSetRow, id, |row| vec![ExpectedEntry {
 /// Stores a measurement set.
 ///
 /// # Errors
-/// [`Error::NotFound`] if there is no such robot, [`Conflict::RobotArchived`], [`Error::Database`].
+/// [`super::Error::NotFound`] if there is no such robot, [`Conflict::RobotArchived`], [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, new: &NewMeasurementSet) -> Result<MeasurementSetRow> {
-    let query = sqlx::query_as(INSERT)
-        .bind(IdPrefix::MeasurementSet.new_id())
-        .bind(&new.robot_id)
-        .bind(new.name.as_deref())
-        .bind(new.frame.as_str())
-        .bind(&new.content_type)
-        .bind(new.body.as_slice())
-        .bind(&new.sha256)
-        .bind(new.n_points)
-        .bind(new.n_configurations)
-        .bind(new.n_targets)
-        .bind(&new.warnings_json)
-        .bind(new.uploaded_by.as_deref())
-        .bind(new.serial_number.as_deref())
-        .bind(new.insisted_on.as_deref())
-        .bind(new.reading_json.as_deref());
     tx.require_disk_space()?;
-    let row: MeasurementSetRow = query
-        .fetch_one(tx.connection())
+    let values = values![
+        IdPrefix::MeasurementSet.new_id(),
+        new.robot_id,
+        new.name,
+        new.frame.as_str(),
+        new.content_type,
+        new.body,
+        new.sha256,
+        new.n_points,
+        new.n_configurations,
+        new.n_targets,
+        new.warnings_json,
+        new.uploaded_by,
+        new.serial_number,
+        new.insisted_on,
+        new.reading_json
+    ];
+    let row: MeasurementSetRow = sql::one(tx.connection(), INSERT, values)
         .await
-        .map_err(|error| Error::from_trigger(error, |_| Conflict::RobotArchived))?;
+        .map_err(|error| error.of_trigger(|_| Conflict::RobotArchived))?;
     tx.audit(AuditEvent::MeasurementSetCreated, &row.id, as_created(&row));
     Ok(row)
 }
 
 /// One measurement set.
 pub async fn get(store: &Store, id: &str) -> Result<MeasurementSetRow> {
-    read::one(store.readers(), GET, id).await
+    sql::one(store.readers(), GET, values![id]).await
 }
 
 /// Number of other robots to which the same bytes were uploaded.
 pub async fn n_other_robots(store: &Store, robot_id: &str, sha256: &str) -> Result<i64> {
-    let query = sqlx::query_scalar(OTHER_ROBOTS).bind(robot_id).bind(sha256);
-    Ok(query.fetch_one(store.readers()).await?)
+    sql::value(store.readers(), OTHER_ROBOTS, values![robot_id, sha256]).await
 }
 
 /// The uploaded bytes of one measurement set.
 pub async fn body(store: &Store, id: &str) -> Result<Vec<u8>> {
-    read::value(store.readers(), BODY, id).await
+    sql::value(store.readers(), BODY, values![id]).await
 }
 
 /// A robot's measurement sets, filtered by name and archived state.
@@ -199,7 +198,7 @@ pub async fn search(
     store: &Store,
     robot_id: &str,
     request: &ListRequest,
-) -> Result<Listed<MeasurementSetRow>> {
+) -> Result<Page<MeasurementSetRow>> {
     let filters = [robot_id, request.archived.as_str(), &request.pattern()];
     listing::list(store, &LIST, &filters, request).await
 }

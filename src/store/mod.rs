@@ -26,7 +26,7 @@ mod hashed;
 mod id_prefix;
 mod listing;
 mod page;
-mod read;
+mod sql;
 
 // The audit chain, the promises that are checked, and requests that are made once.
 pub mod audit;
@@ -49,7 +49,6 @@ pub mod robot_versions;
 pub mod robots;
 
 // Jobs.
-mod job_sessions;
 pub mod job_sources;
 pub mod jobs;
 pub mod leases;
@@ -58,8 +57,6 @@ pub mod report_summaries;
 pub mod statistics;
 
 // Parameter sets and the facts that decide on them.
-pub mod estimates;
-mod newest_set;
 mod parameter_set_row;
 pub mod parameter_sets;
 pub mod verifications;
@@ -77,12 +74,12 @@ pub use hashed::Hashed;
 pub use idempotency::{IdempotencyScope, IdempotentOutcome, StoredResponse};
 pub use jobs::{JobRow, NewJob};
 pub use leases::{Exhausted, Expired, Heartbeat, JobResult, Lease};
-pub use listing::{ListRequest, Listed};
+pub use listing::ListRequest;
 pub use measurement_sets::{MeasurementSetRow, NewMeasurementSet};
 pub use named_documents::NamedDocumentRow;
 pub use networks::{NetworkRow, NetworkWeights, NewNetwork};
 pub use open::StoreLocation;
-pub use page::{Cursor, InvalidCursor, Page, PageRequest};
+pub use page::{Cursor, InvalidCursor, Page};
 pub use parameter_sets::{CheckedState, NewParameterSet, ParameterSetRow, Release};
 pub use policies::PolicyRow;
 pub use robot_versions::RobotEdit;
@@ -118,11 +115,9 @@ pub fn all_queries(engine: Engine) -> Vec<String> {
         archive::ALL_QUERIES,
         browser_sessions::ALL_QUERIES,
         named_documents::ALL_QUERIES,
-        estimates::ALL_QUERIES,
         frames::ALL_QUERIES,
         idempotency::ALL_QUERIES,
         job_sources::ALL_QUERIES,
-        job_sessions::ALL_QUERIES,
         jobs::ALL_QUERIES,
         known_uploads::ALL_QUERIES,
         leases::ALL_QUERIES,

@@ -8,8 +8,8 @@ use super::audit::{ExpectedEntry, audited};
 use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
-use super::read::{self, rows_after};
-use super::{AuditEvent, ListRequest, Listed, Result, Store, Tx, robots};
+use super::sql::{self, rows_after, values};
+use super::{AuditEvent, ListRequest, Page, Result, Store, Tx, robots};
 use crate::wire::canonical;
 
 names! {
@@ -141,15 +141,15 @@ pub async fn insert(tx: &mut Tx, new: NewNamedDocument<'_>) -> Result<NamedDocum
     };
     tx.require_disk_space()?;
     robots::lock(tx, new.robot_id).await?;
-    let row: NamedDocumentRow = sqlx::query_as(INSERT)
-        .bind(prefix.new_id())
-        .bind(new.robot_id)
-        .bind(new.kind.as_str())
-        .bind(new.name)
-        .bind(new.content_json)
-        .bind(new.by)
-        .fetch_one(tx.connection())
-        .await?;
+    let values = values![
+        prefix.new_id(),
+        new.robot_id,
+        new.kind.as_str(),
+        new.name,
+        new.content_json,
+        new.by
+    ];
+    let row: NamedDocumentRow = sql::one(tx.connection(), INSERT, values).await?;
     tx.audit(row.event(), &row.id, row.as_created());
     Ok(row)
 }
@@ -165,12 +165,8 @@ pub async fn newest(
     if name.contains('\0') {
         return Err(super::Error::NotFound);
     }
-    Ok(sqlx::query_as(NEWEST)
-        .bind(robot_id)
-        .bind(kind.as_str())
-        .bind(name)
-        .fetch_one(store.readers())
-        .await?)
+    let values = values![robot_id, kind.as_str(), name];
+    sql::one(store.readers(), NEWEST, values).await
 }
 
 /// The version with this id.
@@ -179,7 +175,7 @@ pub async fn get(store: &Store, id: &str) -> Result<NamedDocumentRow> {
     if id.contains('\0') {
         return Err(super::Error::NotFound);
     }
-    read::one(store.readers(), GET, id).await
+    sql::one(store.readers(), GET, values![id]).await
 }
 
 /// A robot's documents of one kind that are in force, newest first.
@@ -188,6 +184,6 @@ pub async fn list(
     robot_id: &str,
     kind: NamedDocumentKind,
     request: &ListRequest,
-) -> Result<Listed<NamedDocumentRow>> {
+) -> Result<Page<NamedDocumentRow>> {
     listing::list(store, &LIST, &[robot_id, kind.as_str()], request).await
 }

@@ -7,8 +7,8 @@ use super::audit::{ExpectedEntry, audited};
 use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
-use super::read;
-use super::{AuditEvent, Hashed, ListRequest, Listed, Result, Store, Tx};
+use super::sql::{self, values};
+use super::{AuditEvent, Hashed, ListRequest, Page, Result, Store, Tx};
 use crate::wire::canonical;
 use crate::wire::job::{Model, Preset};
 use crate::wire::safetensors::StoredNetwork;
@@ -202,20 +202,21 @@ pub async fn insert_residual(tx: &mut Tx, job_id: &str, new: &NewNetwork) -> Res
 }
 
 async fn insert_by(
-    sql: &'static str,
+    insert: &'static str,
     tx: &mut Tx,
     job_id: &str,
     new: &NewNetwork,
 ) -> Result<NetworkRow> {
-    let query = sqlx::query_as(sql)
-        .bind(IdPrefix::Network.new_id())
-        .bind(job_id)
-        .bind(new.model.as_str())
-        .bind(new.preset.as_str())
-        .bind(&new.metadata_json)
-        .bind(new.weights.content().as_slice())
-        .bind(&new.weights_sha256);
-    let row: NetworkRow = query.fetch_one(tx.connection()).await?;
+    let values = values![
+        IdPrefix::Network.new_id(),
+        job_id,
+        new.model.as_str(),
+        new.preset.as_str(),
+        new.metadata_json,
+        new.weights.content(),
+        new.weights_sha256
+    ];
+    let row: NetworkRow = sql::one(tx.connection(), insert, values).await?;
     tx.audit(AuditEvent::NetworkCreated, &row.id, as_created(&row));
     tx.audit_field("sha256", new.weights.sha256().into());
     Ok(row)
@@ -223,12 +224,12 @@ async fn insert_by(
 
 /// One network.
 pub async fn get(store: &Store, id: &str) -> Result<NetworkRow> {
-    read::one(store.readers(), GET, id).await
+    sql::one(store.readers(), GET, values![id]).await
 }
 
 /// The weights of one network.
 pub async fn weights(store: &Store, id: &str) -> Result<Vec<u8>> {
-    read::value(store.readers(), WEIGHTS, id).await
+    sql::value(store.readers(), WEIGHTS, values![id]).await
 }
 
 /// The robot's usable networks of this model and preset, newest first, at most `limit`.
@@ -239,13 +240,8 @@ pub async fn newest(
     preset: Preset,
     limit: i64,
 ) -> Result<Vec<NetworkWeights>> {
-    Ok(sqlx::query_as(NEWEST)
-        .bind(robot_id)
-        .bind(model.as_str())
-        .bind(preset.as_str())
-        .bind(limit)
-        .fetch_all(store.readers())
-        .await?)
+    let values = values![robot_id, model.as_str(), preset.as_str(), limit];
+    sql::all(store.readers(), NEWEST, values).await
 }
 
 /// The robot's usable residual networks, newest first, at most `limit`. Leaves out networks trained on the upload with this hash, on an upload
@@ -256,12 +252,8 @@ pub async fn newest_residual(
     set_sha256: &str,
     limit: i64,
 ) -> Result<Vec<NetworkWeights>> {
-    Ok(sqlx::query_as(NEWEST_RESIDUAL)
-        .bind(robot_id)
-        .bind(set_sha256)
-        .bind(limit)
-        .fetch_all(store.readers())
-        .await?)
+    let values = values![robot_id, set_sha256, limit];
+    sql::all(store.readers(), NEWEST_RESIDUAL, values).await
 }
 
 /// A robot's networks of both kinds, filtered by archived state.
@@ -269,7 +261,7 @@ pub async fn search(
     store: &Store,
     robot_id: &str,
     request: &ListRequest,
-) -> Result<Listed<NetworkRow>> {
+) -> Result<Page<NetworkRow>> {
     let filters = [robot_id, request.archived.as_str()];
     listing::list(store, &LIST, &filters, request).await
 }

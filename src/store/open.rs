@@ -89,7 +89,18 @@ impl Store {
     /// # Errors
     /// [`Error::Open`] (data directory in use, SQLite too old, …), [`Error::Database`].
     pub async fn open(location: StoreLocation) -> Result<Store> {
-        as_server(location).await
+        match location {
+            StoreLocation::Sqlite { data_dir } => {
+                let data_dir = make_data_dir(&data_dir)?;
+                make_private(&data_dir);
+                let lock_file = lock_as_server(&data_dir).await?;
+                let store = connect_sqlite(&data_dir, Some(lock_file), true).await?;
+                migrate(&store).await?;
+                leases::end_all(&store).await?;
+                Ok(store)
+            }
+            StoreLocation::Postgres { url } => open_postgres(&url).await,
+        }
     }
 
     /// Opens the database for a short-lived tool (`kincal key …`), which may run at the same time as the server.
@@ -97,58 +108,35 @@ impl Store {
     /// # Errors
     /// As [`Store::open`], but a data directory that is in use is accepted.
     pub async fn open_beside_a_server(location: StoreLocation) -> Result<Store> {
-        beside_a_server(location).await
+        match location {
+            StoreLocation::Sqlite { data_dir } => {
+                let data_dir = make_data_dir(&data_dir)?;
+                let alone = lock(&data_dir)?;
+                let store = connect_sqlite(&data_dir, None, alone.is_none()).await?;
+                if alone.is_some() {
+                    migrate(&store).await?;
+                }
+                Ok(store)
+            }
+            StoreLocation::Postgres { url } => open_postgres(&url).await,
+        }
     }
 
     /// Opens an existing database without migrating its schema.
     pub async fn open_as_it_is(location: StoreLocation) -> Result<Store> {
-        as_it_is(location).await
-    }
-}
-
-async fn as_server(location: StoreLocation) -> Result<Store> {
-    match location {
-        StoreLocation::Sqlite { data_dir } => {
-            let data_dir = make_data_dir(&data_dir)?;
-            make_private(&data_dir);
-            let lock_file = lock_as_server(&data_dir).await?;
-            let store = connect_sqlite(&data_dir, Some(lock_file), true).await?;
-            migrate(&store).await?;
-            leases::end_all(&store).await?;
-            Ok(store)
-        }
-        StoreLocation::Postgres { url } => open_postgres(&url).await,
-    }
-}
-
-async fn beside_a_server(location: StoreLocation) -> Result<Store> {
-    match location {
-        StoreLocation::Sqlite { data_dir } => {
-            let data_dir = make_data_dir(&data_dir)?;
-            let alone = lock(&data_dir)?;
-            let store = connect_sqlite(&data_dir, None, alone.is_none()).await?;
-            if alone.is_some() {
-                migrate(&store).await?;
+        match location {
+            StoreLocation::Sqlite { data_dir } => {
+                if !data_dir.join(DATABASE).is_file() {
+                    return Err(Error::open(format!(
+                        "there is no database in {}",
+                        data_dir.display()
+                    )));
+                }
+                let is_served = lock(&data_dir)?.is_none();
+                connect_sqlite(&data_dir, None, is_served).await
             }
-            Ok(store)
+            StoreLocation::Postgres { url } => connect_postgres(&url).await,
         }
-        StoreLocation::Postgres { url } => open_postgres(&url).await,
-    }
-}
-
-async fn as_it_is(location: StoreLocation) -> Result<Store> {
-    match location {
-        StoreLocation::Sqlite { data_dir } => {
-            if !data_dir.join(DATABASE).is_file() {
-                return Err(Error::open(format!(
-                    "there is no database in {}",
-                    data_dir.display()
-                )));
-            }
-            let is_served = lock(&data_dir)?.is_none();
-            connect_sqlite(&data_dir, None, is_served).await
-        }
-        StoreLocation::Postgres { url } => connect_postgres(&url).await,
     }
 }
 

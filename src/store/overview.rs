@@ -2,8 +2,9 @@
 //! whole page of robots.
 
 use super::from_row::row;
-use super::newest_set::newest_set;
-use super::{JobStatus, ListRequest, Listed, Page, Result, Store, robots};
+use super::sql::{self, values};
+use super::verifications::newest_set;
+use super::{JobStatus, ListRequest, Page, Result, Store, robots};
 use crate::wire::job::Kind;
 use crate::wire::parameter_set::ParameterSetStatus;
 use crate::wire::policy::DecisionRule;
@@ -115,22 +116,15 @@ pub async fn list(
     store: &Store,
     only: Option<&[String]>,
     request: &ListRequest,
-) -> Result<Listed<OverviewRow>> {
+) -> Result<Page<OverviewRow>> {
     let robots = robots::search(store, only, request).await?;
-    let ids: Vec<&str> = robots
-        .page
-        .items
-        .iter()
-        .map(|row| row.id.as_str())
-        .collect();
-    let query = sqlx::query_as(LIST).bind(format!(",{}", ids.join(",")));
-    let mut rows: Vec<OverviewRow> = query.fetch_all(store.readers()).await?;
+    let ids: Vec<&str> = robots.items.iter().map(|row| row.id.as_str()).collect();
+    let values = values![format!(",{}", ids.join(","))];
+    let mut rows: Vec<OverviewRow> = sql::all(store.readers(), LIST, values).await?;
     rows.sort_by_key(|row| ids.iter().position(|id| *id == row.id));
-    Ok(Listed {
-        page: Page {
-            items: rows,
-            next_cursor: robots.page.next_cursor,
-        },
+    Ok(Page {
+        items: rows,
+        next_cursor: robots.next_cursor,
         total: robots.total,
     })
 }

@@ -2,16 +2,7 @@
 //! items are added in the meantime.
 
 use crate::wire::canonical::hex;
-use crate::wire::page::{self, MAX_PAGE, Sort};
-
-/// Request for a page of a list.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct PageRequest {
-    /// Maximum number of items on the page; clamped to 1..=[`MAX_PAGE`].
-    pub limit: u32,
-    /// End of the previous page; none for the first page.
-    pub cursor: Option<Cursor>,
-}
+use crate::wire::page::{self, Sort};
 
 /// One page of a list.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,23 +11,21 @@ pub struct Page<T> {
     pub items: Vec<T>,
     /// Cursor of the next page; none on the last page.
     pub next_cursor: Option<Cursor>,
+    /// Number of items on all pages.
+    pub total: i64,
 }
 
 impl<T> Page<T> {
-    /// Converts the page to an answer. `total` is the number of items on all pages.
-    pub fn into_answer<U, E>(
-        self,
-        total: i64,
-        convert: impl FnMut(T) -> Result<U, E>,
-    ) -> Result<page::Page<U>, E> {
+    /// Converts the page to an answer.
+    pub fn into_answer<U, E>(self) -> Result<page::Page<U>, E>
+    where
+        U: for<'r> TryFrom<&'r T, Error = E>,
+    {
+        let items = self.items.iter().map(U::try_from);
         Ok(page::Page {
-            items: self
-                .items
-                .into_iter()
-                .map(convert)
-                .collect::<Result<_, _>>()?,
+            items: items.collect::<Result<_, _>>()?,
             next_cursor: self.next_cursor.map(|cursor| cursor.to_string()),
-            total,
+            total: self.total,
         })
     }
 }
@@ -117,19 +106,4 @@ fn unhex(digits: &str) -> Option<String> {
         .map(|i| u8::from_str_radix(&digits[2 * i..2 * i + 2], 16).ok())
         .collect();
     String::from_utf8(bytes?).ok()
-}
-
-impl Default for PageRequest {
-    fn default() -> Self {
-        PageRequest {
-            limit: MAX_PAGE,
-            cursor: None,
-        }
-    }
-}
-
-impl PageRequest {
-    pub(super) fn limit(&self) -> usize {
-        self.limit.clamp(1, MAX_PAGE) as usize
-    }
 }

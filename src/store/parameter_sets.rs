@@ -4,16 +4,15 @@
 use serde_json::json;
 
 use super::audit::{ExpectedEntry, audited};
-use super::estimates;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries};
 pub use super::parameter_set_row::ParameterSetRow;
 use super::parameter_set_row::{as_created, as_released, as_withdrawn};
 use super::policies::ABSENT;
-use super::read::{self, rows_after};
 use super::robots::RobotCheck;
+use super::sql::{self, rows_after, values};
 use super::{
-    AuditEvent, Conflict, Error, Hashed, ListRequest, Listed, Result, Store, Tx, policies, robots,
+    AuditEvent, Conflict, Hashed, ListRequest, Page, Result, Store, Tx, policies, robots,
     verifications, withdrawals,
 };
 use crate::wire::parameter_set::ParameterSetStatus;
@@ -101,6 +100,9 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     RELEASE,
     WITHDRAW,
     BY_ID,
+    INSERT_ESTIMATE,
+    ESTIMATE,
+    ESTIMATES,
 ];
 
 const INSERT: &str = concat!(
@@ -174,6 +176,15 @@ const WITHDRAW: &str = "
 
 const BY_ID: &str = rows_after!(columns!(), "parameter_set");
 
+const INSERT_ESTIMATE: &str =
+    "insert into estimate (parameter_set_id, estimate_json) values ($1, $2)";
+
+const ESTIMATE: &str = "select estimate_json from estimate where parameter_set_id = $1";
+
+/// Ids of parameter sets with their estimates, for `verify-store`.
+pub(super) const ESTIMATES: &str = "
+    select parameter_set_id, estimate_json from estimate where parameter_set_id > $1 order by parameter_set_id limit cast($2 as bigint)";
+
 audited!(ParameterSetRow, id, |row| vec![
     ExpectedEntry::at(
         AuditEvent::ParameterSetCreated,
@@ -189,15 +200,13 @@ audited!(ParameterSetRow, id, |row| vec![
 /// # Errors
 /// [`Conflict::Duplicate`] if the job already has one, [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, job_id: &str, new: &NewParameterSet) -> Result<ParameterSetRow> {
-    let query = sqlx::query_as(INSERT)
-        .bind(IdPrefix::ParameterSet.new_id())
-        .bind(job_id)
-        .bind(&new.body_json)
-        .bind(&new.sha256);
-    let row: ParameterSetRow = query.fetch_one(tx.connection()).await?;
+    let id = IdPrefix::ParameterSet.new_id();
+    let values = values![id, job_id, new.body_json, new.sha256];
+    let row: ParameterSetRow = sql::one(tx.connection(), INSERT, values).await?;
     let mut detail = as_created(&row);
     if let Some(estimate) = &new.estimate_json {
-        estimates::insert(tx, &row.id, estimate).await?;
+        let values = values![row.id, estimate.content()];
+        sql::execute(tx.connection(), INSERT_ESTIMATE, values).await?;
         detail["estimate_sha256"] = json!(estimate.sha256());
     }
     tx.audit(AuditEvent::ParameterSetCreated, &row.id, detail);
@@ -206,12 +215,17 @@ pub async fn insert(tx: &mut Tx, job_id: &str, new: &NewParameterSet) -> Result<
 
 /// One parameter set.
 pub async fn get(store: &Store, id: &str) -> Result<ParameterSetRow> {
-    read::one(store.readers(), GET, id).await
+    sql::one(store.readers(), GET, values![id]).await
+}
+
+/// The estimate of a parameter set (`wire::estimate`), if one was stored.
+pub async fn estimate(store: &Store, id: &str) -> Result<Option<String>> {
+    sql::first_value(store.readers(), ESTIMATE, values![id]).await
 }
 
 /// The robot's released parameter set.
 pub async fn active(store: &Store, robot_id: &str) -> Result<Option<ParameterSetRow>> {
-    read::first(store.readers(), ACTIVE, robot_id).await
+    sql::first(store.readers(), ACTIVE, values![robot_id]).await
 }
 
 /// The set that a rollback would release: usually the set that the active set superseded.
@@ -219,7 +233,7 @@ pub async fn active(store: &Store, robot_id: &str) -> Result<Option<ParameterSet
 /// # Errors
 /// [`Conflict::NothingToRollBackTo`], [`super::Error::Database`].
 pub async fn before_active(store: &Store, robot_id: &str) -> Result<ParameterSetRow> {
-    let row: Option<_> = read::first(store.readers(), BEFORE_ACTIVE, robot_id).await?;
+    let row: Option<_> = sql::first(store.readers(), BEFORE_ACTIVE, values![robot_id]).await?;
     row.ok_or_else(|| Conflict::NothingToRollBackTo.into())
 }
 
@@ -231,12 +245,8 @@ pub async fn of_another_upload(
     measurement_set_ids: &str,
     except: Fit,
 ) -> Result<Option<ParameterSetRow>> {
-    Ok(sqlx::query_as(OF_ANOTHER_UPLOAD)
-        .bind(robot_id)
-        .bind(measurement_set_ids)
-        .bind(except.as_str())
-        .fetch_optional(store.readers())
-        .await?)
+    let values = values![robot_id, measurement_set_ids, except.as_str()];
+    sql::first(store.readers(), OF_ANOTHER_UPLOAD, values).await
 }
 
 /// A robot's parameter sets, filtered by status and archived state.
@@ -244,7 +254,7 @@ pub async fn search(
     store: &Store,
     robot_id: &str,
     request: &ListRequest,
-) -> Result<Listed<ParameterSetRow>> {
+) -> Result<Page<ParameterSetRow>> {
     let filters = [robot_id, request.archived.as_str(), request.status];
     listing::list(store, &LIST, &filters, request).await
 }
@@ -280,24 +290,21 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
         return Err(Conflict::ChecksOutdated.into());
     }
     let active = now.active;
-    sqlx::query(SUPERSEDE)
-        .bind(&set.robot_id)
-        .execute(tx.connection())
-        .await?;
-    let query = sqlx::query(RELEASE)
-        .bind(&release.id)
-        .bind(&release.reason)
-        .bind(&release.checks_json);
-    query
-        .bind(&release.released_by)
-        .bind(release.evidence.as_str())
-        .bind(release.uncertainty_mm.unwrap_or(ABSENT))
-        .bind(active.as_deref().unwrap_or_default())
-        .bind(release.n_passed)
-        .bind(release.n_failed)
-        .execute(tx.connection())
+    sql::execute(tx.connection(), SUPERSEDE, values![set.robot_id]).await?;
+    let values = values![
+        release.id,
+        release.reason,
+        release.checks_json,
+        release.released_by,
+        release.evidence.as_str(),
+        release.uncertainty_mm.unwrap_or(ABSENT),
+        active.as_deref().unwrap_or_default(),
+        release.n_passed,
+        release.n_failed
+    ];
+    sql::execute(tx.connection(), RELEASE, values)
         .await
-        .map_err(Error::from_release)?;
+        .map_err(|error| error.of_trigger(|why| Conflict::RefusedBySchema { why }))?;
     if let Some(active) = &active {
         tx.audit(
             AuditEvent::ParameterSetSuperseded,
@@ -316,8 +323,9 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
 pub async fn roll_back(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> {
     let set = lock_and_get(tx, &release.id).await?;
     let active = active_in(tx, &set.robot_id).await?;
+    let values = values![set.robot_id];
     let before: Option<ParameterSetRow> =
-        read::first(tx.connection(), BEFORE_ACTIVE, &set.robot_id).await?;
+        sql::first(tx.connection(), BEFORE_ACTIVE, values).await?;
     // Checked again inside the transaction, because another release may have changed which set a rollback releases.
     let is_before = before.is_some_and(|before| before.id == release.id);
     if active.as_ref().map(|active| &active.id) != release.checked.active.as_ref() || !is_before {
@@ -335,13 +343,7 @@ pub async fn roll_back(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow
 /// Withdraws a set in any state. If it was the active set, the robot has no active set afterwards.
 pub async fn withdraw(tx: &mut Tx, id: &str, reason: &str, by: &str) -> Result<ParameterSetRow> {
     lock_and_get(tx, id).await?;
-    let changed = sqlx::query(WITHDRAW)
-        .bind(id)
-        .bind(reason)
-        .bind(by)
-        .execute(tx.connection())
-        .await?
-        .rows_affected();
+    let changed = sql::execute(tx.connection(), WITHDRAW, values![id, reason, by]).await?;
     let row = get_in(tx, id).await?;
     if let Some((_, detail)) = as_withdrawn(&row).filter(|_| changed > 0) {
         tx.audit(AuditEvent::ParameterSetWithdrawn, id, detail);
@@ -350,17 +352,14 @@ pub async fn withdraw(tx: &mut Tx, id: &str, reason: &str, by: &str) -> Result<P
 }
 
 async fn lock_and_get(tx: &mut Tx, id: &str) -> Result<ParameterSetRow> {
-    sqlx::query(LOCK_ROBOT)
-        .bind(id)
-        .execute(tx.connection())
-        .await?;
+    sql::execute(tx.connection(), LOCK_ROBOT, values![id]).await?;
     get_in(tx, id).await
 }
 
 async fn active_in(tx: &mut Tx, robot_id: &str) -> Result<Option<ParameterSetRow>> {
-    read::first(tx.connection(), ACTIVE, robot_id).await
+    sql::first(tx.connection(), ACTIVE, values![robot_id]).await
 }
 
 async fn get_in(tx: &mut Tx, id: &str) -> Result<ParameterSetRow> {
-    read::one(tx.connection(), GET, id).await
+    sql::one(tx.connection(), GET, values![id]).await
 }

@@ -4,7 +4,8 @@ use serde_json::{Value, json};
 
 use super::audit::{ExpectedEntry, audited};
 use super::from_row::row;
-use super::{AuditEvent, Result, Store, Tx, read, robots};
+use super::sql::{self, values};
+use super::{AuditEvent, Result, Store, Tx, robots};
 use crate::wire::policy::{DecisionRule, PolicyBody};
 
 row! {
@@ -98,12 +99,12 @@ audited!(PolicyChange, robot_id, |row| vec![
 
 /// A robot's policy.
 pub async fn get(store: &Store, robot_id: &str) -> Result<PolicyRow> {
-    let row: Option<_> = read::first(store.readers(), GET, robot_id).await?;
+    let row: Option<_> = sql::first(store.readers(), GET, values![robot_id]).await?;
     Ok(row.unwrap_or_default())
 }
 
 pub(super) async fn get_in(tx: &mut Tx, robot_id: &str) -> Result<PolicyRow> {
-    let row: Option<_> = read::first(tx.connection(), GET, robot_id).await?;
+    let row: Option<_> = sql::first(tx.connection(), GET, values![robot_id]).await?;
     Ok(row.unwrap_or_default())
 }
 
@@ -111,15 +112,15 @@ pub(super) async fn get_in(tx: &mut Tx, robot_id: &str) -> Result<PolicyRow> {
 pub async fn put(tx: &mut Tx, robot_id: &str, policy: &PolicyBody, by: &str) -> Result<PolicyRow> {
     // The lock waits until a release of this robot that is under way has ended. A later release sees the new policy.
     robots::lock(tx, robot_id).await?;
-    let query = sqlx::query_as(PUT)
-        .bind(robot_id)
-        .bind(policy.tolerance_mm.unwrap_or(ABSENT));
-    let query = query
-        .bind(i64::from(policy.independent_session_required))
-        .bind(i64::from(policy.second_person_required))
-        .bind(by)
-        .bind(policy.decision_rule.as_str());
-    let set: PolicyChange = query.fetch_one(tx.connection()).await?;
+    let values = values![
+        robot_id,
+        policy.tolerance_mm.unwrap_or(ABSENT),
+        i64::from(policy.independent_session_required),
+        i64::from(policy.second_person_required),
+        by,
+        policy.decision_rule.as_str()
+    ];
+    let set: PolicyChange = sql::one(tx.connection(), PUT, values).await?;
     tx.audit(AuditEvent::RobotPolicyChanged, robot_id, as_changed(&set));
     Ok(set.policy)
 }

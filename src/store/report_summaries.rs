@@ -1,7 +1,8 @@
 //! The summary of each job's report, see `wire::report_summary`.
 
 use super::from_row::row;
-use super::{Conflict, JobStatus, Result, Store, Tx, read};
+use super::sql::{self, values};
+use super::{Conflict, JobStatus, Result, Store, Tx};
 
 pub(super) const ALL_QUERIES: &[&str] = &[INSERT, OF_JOB, JOBS_WITHOUT, BY_ID];
 
@@ -45,11 +46,7 @@ row! {
 
 /// Stores a summary, unless the job already has one.
 pub async fn insert(tx: &mut Tx, job_id: &str, summary_json: &str) -> Result<()> {
-    sqlx::query(INSERT)
-        .bind(job_id)
-        .bind(summary_json)
-        .execute(tx.connection())
-        .await?;
+    sql::execute(tx.connection(), INSERT, values![job_id, summary_json]).await?;
     Ok(())
 }
 
@@ -58,7 +55,7 @@ pub async fn insert(tx: &mut Tx, job_id: &str, summary_json: &str) -> Result<()>
 /// # Errors
 /// [`super::Error::NotFound`], [`Conflict::JobStatus`] if it did not succeed (yet), [`super::Error::Database`].
 pub async fn of_job(store: &Store, job_id: &str) -> Result<String> {
-    let row: OfJob = read::one(store.readers(), OF_JOB, job_id).await?;
+    let row: OfJob = sql::one(store.readers(), OF_JOB, values![job_id]).await?;
     let status = row.status;
     row.summary_json
         .ok_or(Conflict::JobStatus { status }.into())
@@ -66,9 +63,5 @@ pub async fn of_job(store: &Store, job_id: &str) -> Result<String> {
 
 /// Ids of succeeded jobs without a summary, which an older version ended. In the order of their ids, at most `limit` ids after `after`.
 pub async fn jobs_without(store: &Store, after: &str, limit: i64) -> Result<Vec<String>> {
-    Ok(sqlx::query_scalar(JOBS_WITHOUT)
-        .bind(after)
-        .bind(limit)
-        .fetch_all(store.readers())
-        .await?)
+    sql::all_values(store.readers(), JOBS_WITHOUT, values![after, limit]).await
 }

@@ -5,7 +5,8 @@ use serde_json::{Value, json};
 
 use super::from_row::row;
 use super::robots::{self, RobotRow};
-use super::{AuditEvent, Conflict, Error, Result, Store, Tx};
+use super::sql::{self, values};
+use super::{AuditEvent, Conflict, Result, Store, Tx};
 use crate::wire::canonical;
 
 row! {
@@ -64,27 +65,23 @@ pub(super) fn as_edited(row: &RobotVersionRow) -> Value {
 /// Stores a new version of a robot.
 ///
 /// # Errors
-/// [`Conflict::RobotChanged`] if the robot was edited in the meantime, [`Conflict::JointMapReleased`], [`Error::NotFound`], [`Error::Database`].
+/// [`Conflict::RobotChanged`] if the robot was edited in the meantime, [`Conflict::JointMapReleased`], [`super::Error::NotFound`],
+/// [`super::Error::Database`].
 pub async fn edit(tx: &mut Tx, id: &str, edit: &RobotEdit, by: &str) -> Result<RobotRow> {
     tx.require_disk_space()?;
     robots::lock(tx, id).await?;
-    let query = sqlx::query_as(INSERT)
-        .bind(id)
-        .bind(edit.edited_version)
-        .bind(i64::from(edit.changes_joint_map))
-        .bind(&edit.body_json)
-        .bind(by);
-    let row: Option<RobotVersionRow> = query
-        .fetch_optional(tx.connection())
+    let values = values![
+        id,
+        edit.edited_version,
+        i64::from(edit.changes_joint_map),
+        edit.body_json,
+        by
+    ];
+    let row: Option<RobotVersionRow> = sql::first(tx.connection(), INSERT, values)
         .await
-        .map_err(|error| Error::from_trigger(error, |_| Conflict::JointMapReleased))?;
+        .map_err(|error| error.of_trigger(|_| Conflict::JointMapReleased))?;
     let row = row.ok_or(Conflict::RobotChanged)?;
-    sqlx::query(MOVE)
-        .bind(id)
-        .bind(row.version)
-        .bind(&edit.name)
-        .execute(tx.connection())
-        .await?;
+    sql::execute(tx.connection(), MOVE, values![id, row.version, edit.name]).await?;
     tx.audit(AuditEvent::RobotEdited, id, as_edited(&row));
     tx.audit_field("name", edit.name.as_str().into());
     tx.audit_field("changed", json!(edit.changed));
@@ -97,11 +94,10 @@ pub async fn robot_at(store: &Store, robot_id: &str, version: i64) -> Result<Rob
     if row.version == version {
         return Ok(row);
     }
-    let query = match version > 1 {
-        true => sqlx::query_scalar(AT).bind(robot_id).bind(version),
-        false => sqlx::query_scalar(FIRST).bind(robot_id),
+    row.body_json = match version > 1 {
+        true => sql::value(store.readers(), AT, values![robot_id, version]).await?,
+        false => sql::value(store.readers(), FIRST, values![robot_id]).await?,
     };
-    row.body_json = query.fetch_one(store.readers()).await?;
     row.version = version;
     Ok(row)
 }
@@ -112,10 +108,5 @@ pub(super) async fn after(
     (robot_id, version): (&str, i64),
     limit: i64,
 ) -> Result<Vec<RobotVersionRow>> {
-    Ok(sqlx::query_as(ALL)
-        .bind(robot_id)
-        .bind(version)
-        .bind(limit)
-        .fetch_all(store.readers())
-        .await?)
+    sql::all(store.readers(), ALL, values![robot_id, version, limit]).await
 }

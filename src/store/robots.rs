@@ -6,8 +6,8 @@ use super::audit::{ExpectedEntry, audited};
 use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
-use super::read::{self, rows_after};
-use super::{AuditEvent, ListRequest, Listed, Page, PageRequest, Result, Store, Tx};
+use super::sql::{self, rows_after, values};
+use super::{AuditEvent, ListRequest, Page, Result, Store, Tx};
 use crate::wire::canonical;
 
 row! {
@@ -173,42 +173,27 @@ audited!(RobotRow, id, |row| vec![
 
 /// As [`lock`], for the robot of a job.
 pub(crate) async fn lock_of_job(tx: &mut Tx, job_id: &str) -> Result<()> {
-    sqlx::query(LOCK_OF_JOB)
-        .bind(job_id)
-        .execute(tx.connection())
-        .await?;
+    sql::execute(tx.connection(), LOCK_OF_JOB, values![job_id]).await?;
     Ok(())
 }
 
 /// Locks the robot's row until the transaction ends.
 pub(super) async fn lock(tx: &mut Tx, id: &str) -> Result<()> {
-    sqlx::query(LOCK).bind(id).execute(tx.connection()).await?;
+    sql::execute(tx.connection(), LOCK, values![id]).await?;
     Ok(())
 }
 
 /// Puts the robot into the state `check_robot`, because a session does not fit it.
 pub async fn begin_check(tx: &mut Tx, id: &str, job_id: &str, seq: i64) -> Result<()> {
-    sqlx::query(ASK_FOR_CHECK)
-        .bind(id)
-        .bind(job_id)
-        .bind(seq)
-        .execute(tx.connection())
-        .await?;
-    tx.audit(
-        AuditEvent::RobotDoesNotFit,
-        id,
-        json!({"job_id": job_id, "check_seq": seq}),
-    );
+    sql::execute(tx.connection(), ASK_FOR_CHECK, values![id, job_id, seq]).await?;
+    let detail = json!({"job_id": job_id, "check_seq": seq});
+    tx.audit(AuditEvent::RobotDoesNotFit, id, detail);
     Ok(())
 }
 
 /// Ends the state `check_robot`, because a session fits the robot.
 pub async fn end_check(tx: &mut Tx, id: &str, job_id: &str) -> Result<()> {
-    let changed = sqlx::query(END_CHECK)
-        .bind(id)
-        .execute(tx.connection())
-        .await?;
-    if changed.rows_affected() > 0 {
+    if sql::execute(tx.connection(), END_CHECK, values![id]).await? > 0 {
         tx.audit(AuditEvent::RobotFitsAgain, id, json!({"job_id": job_id}));
     }
     Ok(())
@@ -217,8 +202,7 @@ pub async fn end_check(tx: &mut Tx, id: &str, job_id: &str) -> Result<()> {
 /// Ends the state `check_robot` with a person's reason.
 pub async fn checked(tx: &mut Tx, id: &str, reason: &str, by: &str) -> Result<RobotRow> {
     lock(tx, id).await?;
-    let query = sqlx::query(CHECKED_NOW).bind(id).bind(reason).bind(by);
-    query.execute(tx.connection()).await?;
+    sql::execute(tx.connection(), CHECKED_NOW, values![id, reason, by]).await?;
     let row = get_in(tx, id).await?;
     tx.audit(AuditEvent::RobotChecked, id, as_checked(&row));
     Ok(row)
@@ -226,32 +210,20 @@ pub async fn checked(tx: &mut Tx, id: &str, reason: &str, by: &str) -> Result<Ro
 
 /// Stores a robot.
 pub async fn insert(tx: &mut Tx, new: &NewRobot) -> Result<RobotRow> {
-    let query = sqlx::query_as(INSERT)
-        .bind(IdPrefix::Robot.new_id())
-        .bind(&new.name)
-        .bind(&new.body_json);
     tx.require_disk_space()?;
-    let row: RobotRow = query.fetch_one(tx.connection()).await?;
+    let values = values![IdPrefix::Robot.new_id(), new.name, new.body_json];
+    let row: RobotRow = sql::one(tx.connection(), INSERT, values).await?;
     tx.audit(AuditEvent::RobotCreated, &row.id, as_created(&row));
     Ok(row)
 }
 
 /// One robot.
 pub async fn get(store: &Store, id: &str) -> Result<RobotRow> {
-    read::one(store.readers(), GET, id).await
+    sql::one(store.readers(), GET, values![id]).await
 }
 
 pub(super) async fn get_in(tx: &mut Tx, id: &str) -> Result<RobotRow> {
-    read::one(tx.connection(), GET, id).await
-}
-
-/// Robots, newest first; with `only`, only the robots with these ids.
-pub async fn list(
-    store: &Store,
-    only: Option<&[String]>,
-    request: &PageRequest,
-) -> Result<Page<RobotRow>> {
-    Ok(search(store, only, &ListRequest::all(request)).await?.page)
+    sql::one(tx.connection(), GET, values![id]).await
 }
 
 /// Robots, filtered by name, serial number and archived state; with `only`, only the robots with these ids.
@@ -259,7 +231,7 @@ pub async fn search(
     store: &Store,
     only: Option<&[String]>,
     request: &ListRequest,
-) -> Result<Listed<RobotRow>> {
+) -> Result<Page<RobotRow>> {
     let only = only.map_or(String::new(), |ids| format!(",{}", ids.join(",")));
     let filters = [only.as_str(), request.archived.as_str(), &request.pattern()];
     listing::list(store, &LIST, &filters, request).await

@@ -1,6 +1,7 @@
 //! State of the queue, for `/metrics`.
 
 use super::from_row::row;
+use super::sql::{self, values};
 use super::{JobStatus, Result, Store};
 
 row! {
@@ -37,5 +38,5 @@ const JOBS: &str = "
 
 /// Statistics for each status; a status without jobs has no row.
 pub async fn jobs(store: &Store) -> Result<Vec<JobStatistics>> {
-    Ok(sqlx::query_as(JOBS).fetch_all(store.readers()).await?)
+    sql::all(store.readers(), JOBS, values![]).await
 }

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use tokio::time::timeout;
 
+use super::sql::{self, values};
 use super::{Engine, Result, Store};
 
 pub(super) const QUERIES_POSTGRES: &[&str] = &[LOCK_HOLDER];
@@ -50,9 +51,7 @@ pub async fn stuck_writers(store: &Store) -> Result<Option<Stuck>> {
     if store.engine() == Engine::Sqlite {
         return Ok(stuck_sqlite_writers(store).await);
     }
-    let holder: Option<(i64, i32)> = sqlx::query_as(LOCK_HOLDER)
-        .fetch_optional(store.readers())
-        .await?;
+    let holder: Option<(i64, i32)> = sql::first(store.readers(), LOCK_HOLDER, values![]).await?;
     Ok(holder.map(|(held_ms, is_idle)| Stuck {
         duration: Duration::from_millis(u64::try_from(held_ms).unwrap_or(0)),
         reason: match is_idle {

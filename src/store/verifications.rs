@@ -5,9 +5,8 @@ use serde_json::{Value, json};
 
 use super::audit::{ExpectedEntry, audited};
 use super::from_row::{from_row, row};
-use super::newest_set::newest_set;
 use super::policies::ABSENT;
-use super::read;
+use super::sql::{self, values};
 use super::{AuditEvent, Result, Store, Tx};
 use crate::wire::measurement::Frame;
 use crate::wire::report_shape::Evidence;
@@ -112,6 +111,15 @@ row! {
         pub checked_seq: i64,
     }
 }
+
+// SQL: the newest set of robot `r` that waits for a decision, or was decided on: not withdrawn, and neither archived nor of an archived job.
+macro_rules! newest_set {
+    () => {
+        "(select p.id from parameter_set p where p.robot_id = r.id and p.status <> 'withdrawn'
+        and not exists (select 1 from archived x where x.id in (p.id, p.job_id)) order by p.created_at_ms desc, p.id desc limit 1)"
+    };
+}
+pub(super) use newest_set;
 
 // SQL: the age of a measurement set, as a number in the audit chain. The same bytes uploaded again are as old as they were first.
 macro_rules! uploaded_seq {
@@ -289,26 +297,26 @@ pub async fn insert(
     job_id: &str,
     found: &Verification,
 ) -> Result<Option<VerificationRow>> {
-    let query = sqlx::query(INSERT)
-        .bind(job_id)
-        .bind(found.kind.as_str())
-        .bind(i64::try_from(found.n_points).unwrap_or(i64::MAX))
-        .bind(number(found.before_rms_mm))
-        .bind(number(found.after_rms_mm));
-    let query = query
-        .bind(i64::from(found.is_better))
-        .bind(found.fit.as_str())
-        .bind(found.evidence.as_str())
-        .bind(i64::from(found.is_repeat))
-        .bind(number(found.uncertainty_mm))
-        .bind(found.check_seq)
-        .bind(number(found.after_expanded_mm))
-        .bind(i64::from(found.is_worse))
-        .bind(found.measured_seq);
-    if query.execute(tx.connection()).await?.rows_affected() == 0 {
+    let values = values![
+        job_id,
+        found.kind.as_str(),
+        i64::try_from(found.n_points).unwrap_or(i64::MAX),
+        number(found.before_rms_mm),
+        number(found.after_rms_mm),
+        i64::from(found.is_better),
+        found.fit.as_str(),
+        found.evidence.as_str(),
+        i64::from(found.is_repeat),
+        number(found.uncertainty_mm),
+        found.check_seq,
+        number(found.after_expanded_mm),
+        i64::from(found.is_worse),
+        found.measured_seq
+    ];
+    if sql::execute(tx.connection(), INSERT, values).await? == 0 {
         return Ok(None);
     }
-    let row: VerificationRow = read::one(tx.connection(), OF_JOB, job_id).await?;
+    let row: VerificationRow = sql::one(tx.connection(), OF_JOB, values![job_id]).await?;
     tx.audit(AuditEvent::VerificationKept, job_id, row.audit_entry());
     Ok(Some(row))
 }
@@ -320,23 +328,17 @@ fn number(value: Option<f64>) -> f64 {
 
 /// The facts of one job, if any.
 pub async fn of_job(store: &Store, job_id: &str) -> Result<Option<VerificationRow>> {
-    read::first(store.readers(), OF_JOB, job_id).await
+    sql::first(store.readers(), OF_JOB, values![job_id]).await
 }
 
 /// All facts of a parameter set, its identification and every session, in order.
 pub async fn of_set(store: &Store, parameter_set_id: &str) -> Result<Vec<VerificationRow>> {
-    Ok(sqlx::query_as(OF_SET)
-        .bind(parameter_set_id)
-        .fetch_all(store.readers())
-        .await?)
+    sql::all(store.readers(), OF_SET, values![parameter_set_id]).await
 }
 
 /// The uploads whose points the jobs of a parameter set scored; of an identification those that its held-out points are from.
 pub async fn scored_uploads(store: &Store, parameter_set_id: &str) -> Result<Vec<ScoredUpload>> {
-    Ok(sqlx::query_as(SCORED_UPLOADS)
-        .bind(parameter_set_id)
-        .fetch_all(store.readers())
-        .await?)
+    sql::all(store.readers(), SCORED_UPLOADS, values![parameter_set_id]).await
 }
 
 /// All facts of the newest set of each of these robots, as the overview has it: those of one set follow each other, in order.
@@ -344,13 +346,13 @@ pub async fn scored_uploads(store: &Store, parameter_set_id: &str) -> Result<Vec
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn of_newest_sets(store: &Store, robot_ids: &[&str]) -> Result<Vec<VerificationRow>> {
-    let query = sqlx::query_as(OF_NEWEST_SETS).bind(format!(",{}", robot_ids.join(",")));
-    Ok(query.fetch_all(store.readers()).await?)
+    let values = values![format!(",{}", robot_ids.join(","))];
+    sql::all(store.readers(), OF_NEWEST_SETS, values).await
 }
 
 /// Number of facts of a set's robot.
 pub async fn count(store: &Store, parameter_set_id: &str) -> Result<i64> {
-    read::value(store.readers(), COUNT, parameter_set_id).await
+    sql::value(store.readers(), COUNT, values![parameter_set_id]).await
 }
 
 /// Sessions uploaded after the points of this parameter set, from which another set was identified or on which one was scored, but not this one, and
@@ -360,49 +362,44 @@ pub async fn later_sessions(
     parameter_set_id: &str,
     limit: i64,
 ) -> Result<Vec<LaterSession>> {
-    Ok(sqlx::query_as(LATER_SESSIONS)
-        .bind(parameter_set_id)
-        .bind(VerificationKind::Identification.as_str())
-        .bind(Fit::Fits.as_str())
-        .bind(limit)
-        .bind(Fit::DoesNotFit.as_str())
-        .bind(Evidence::None.as_str())
-        .fetch_all(store.readers())
-        .await?)
+    let values = values![
+        parameter_set_id,
+        VerificationKind::Identification.as_str(),
+        Fit::Fits.as_str(),
+        limit,
+        Fit::DoesNotFit.as_str(),
+        Evidence::None.as_str()
+    ];
+    sql::all(store.readers(), LATER_SESSIONS, values).await
 }
 
 /// Number of succeeded jobs of a parameter set that have no facts.
 pub async fn n_without_facts(store: &Store, parameter_set_id: &str) -> Result<i64> {
-    read::value(store.readers(), N_WITHOUT_FACTS, parameter_set_id).await
+    let values = values![parameter_set_id];
+    sql::value(store.readers(), N_WITHOUT_FACTS, values).await
 }
 
 pub(super) async fn count_in(tx: &mut Tx, parameter_set_id: &str) -> Result<i64> {
-    read::value(tx.connection(), COUNT, parameter_set_id).await
+    sql::value(tx.connection(), COUNT, values![parameter_set_id]).await
 }
 
 /// The numbers of a robot that a job reads when it begins.
 pub async fn check(store: &Store, robot_id: &str) -> Result<CheckRow> {
-    read::one(store.readers(), CHECK, robot_id).await
+    sql::one(store.readers(), CHECK, values![robot_id]).await
 }
 
 /// As [`check`], for the robot of a job, in the transaction that has locked the robot's row.
 pub(crate) async fn check_of_job(tx: &mut Tx, job_id: &str) -> Result<CheckRow> {
-    read::one(tx.connection(), CHECK_OF_JOB, job_id).await
+    sql::one(tx.connection(), CHECK_OF_JOB, values![job_id]).await
 }
 
 /// The job behind a number of a robot's counter.
 pub async fn job_of(store: &Store, robot_id: &str, seq: i64) -> Result<Option<String>> {
-    Ok(sqlx::query_scalar(JOB_OF)
-        .bind(robot_id)
-        .bind(seq)
-        .fetch_optional(store.readers())
-        .await?)
+    sql::first_value(store.readers(), JOB_OF, values![robot_id, seq]).await
 }
 
 /// Jobs without facts, ended by older versions, in the order in which they ended.
 pub async fn jobs_without_facts(store: &Store) -> Result<Vec<String>> {
-    Ok(sqlx::query_scalar(JOBS_WITHOUT)
-        .bind(AuditEvent::JobSucceeded.as_str())
-        .fetch_all(store.readers())
-        .await?)
+    let values = values![AuditEvent::JobSucceeded.as_str()];
+    sql::all_values(store.readers(), JOBS_WITHOUT, values).await
 }

@@ -1,7 +1,8 @@
 //! Withdrawn parameter sets of a robot, with which a set that is to be released is compared.
 
 use super::from_row::row;
-use super::{Result, Store, Tx, read};
+use super::sql::{self, values};
+use super::{Result, Store, Tx};
 
 pub(super) const ALL_QUERIES: &[&str] = &[HELD, OF_ROBOT, COUNT];
 
@@ -32,22 +33,20 @@ row! {
 
 /// Id of a withdrawn parameter set whose values the job holds, if there is one.
 pub async fn held(store: &Store, job_id: &str) -> Result<Option<String>> {
-    let query = sqlx::query_scalar(HELD).bind(job_id);
-    Ok(query.fetch_optional(store.readers()).await?)
+    sql::first_value(store.readers(), HELD, values![job_id]).await
 }
 
 /// The newest withdrawn parameter sets of a robot, at most `limit`.
 pub async fn of_robot(store: &Store, robot_id: &str, limit: i64) -> Result<Vec<WithdrawnSet>> {
-    let query = sqlx::query_as(OF_ROBOT).bind(robot_id).bind(limit);
-    Ok(query.fetch_all(store.readers()).await?)
+    sql::all(store.readers(), OF_ROBOT, values![robot_id, limit]).await
 }
 
 /// Number of withdrawn parameter sets of a robot.
 pub async fn count(store: &Store, robot_id: &str) -> Result<i64> {
-    read::value(store.readers(), COUNT, robot_id).await
+    sql::value(store.readers(), COUNT, values![robot_id]).await
 }
 
 /// As [`count`], in a transaction.
 pub(super) async fn count_in(tx: &mut Tx, robot_id: &str) -> Result<i64> {
-    read::value(tx.connection(), COUNT, robot_id).await
+    sql::value(tx.connection(), COUNT, values![robot_id]).await
 }

@@ -79,25 +79,6 @@ pub struct FramesAnswer {
     pub created_at: String,
 }
 
-impl FramesAnswer {
-    /// The answer for stored frames.
-    pub fn new(id: String, robot_id: String, content: FramesContent, created_at: String) -> Self {
-        let FramesContent {
-            t_instrument_base,
-            z_tool_mm,
-            circles,
-        } = content;
-        Self {
-            id,
-            robot_id,
-            t_instrument_base,
-            z_tool_mm,
-            circles,
-            created_at,
-        }
-    }
-}
-
 impl From<&PreliminaryFrames> for FramesContent {
     fn from(frames: &PreliminaryFrames) -> Self {
         Self {

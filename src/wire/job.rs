@@ -142,10 +142,8 @@ pub enum VerifyBody {
 pub struct JobParts {
     /// The robot.
     pub robot: Robot,
-    /// The measurement set; with several sessions, the first one.
-    pub set: MeasurementSet,
-    /// The measurement sets of the other sessions, in the order of the request.
-    pub further_sets: Vec<MeasurementSet>,
+    /// The measurement sets, in the order of the request: one for each session.
+    pub sets: Vec<MeasurementSet>,
     /// The set of `verify: {source: "set"}`.
     pub verify_set: Option<MeasurementSet>,
     /// The frames of `frames_id`.
@@ -390,13 +388,9 @@ impl JobRequestBody {
             .parameters
             .iter()
             .flat_map(|parameters| parameters.priors.iter().flatten());
-        let (set, sessions) = match parts.further_sets.is_empty() {
-            true => (parts.set, vec![]),
-            false => {
-                let mut sessions = vec![parts.set];
-                sessions.extend(parts.further_sets);
-                (joined(&sessions), sessions)
-            }
+        let (set, sessions) = match <[MeasurementSet; 1]>::try_from(parts.sets) {
+            Ok([set]) => (set, vec![]),
+            Err(sessions) => (joined(&sessions), sessions),
         };
         let request = CalibrationRequest {
             sessions,

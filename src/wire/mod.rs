@@ -14,7 +14,6 @@ pub mod multipart;
 mod names;
 pub mod page;
 pub mod problem;
-mod reason;
 pub mod time;
 pub mod warning;
 
@@ -46,7 +45,6 @@ pub mod understood;
 pub mod workbook;
 
 // Jobs and their reports.
-pub mod check;
 pub mod estimate;
 pub mod job;
 pub mod job_answer;
@@ -62,7 +60,6 @@ pub mod sessions;
 
 // Parameter sets, releases and computations.
 pub mod compensate;
-pub mod corrected_program;
 pub mod corrections;
 pub mod export;
 pub mod history;
@@ -71,7 +68,6 @@ pub mod pose_plan;
 pub mod posture;
 pub mod predict;
 pub mod release;
-pub mod trend;
 pub mod verification;
 
 pub(crate) use names::names;

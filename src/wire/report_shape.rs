@@ -1,5 +1,9 @@
 //! JSON types of a report. Parts that are alike in the core are the core's types, under the names of their schemas.
 
+pub use crate::calibration::CheckVerdict;
+pub use crate::calibration::quick_check::{
+    DetectableChange as DetectableReport, QuickCheck as CheckReport,
+};
 pub use crate::calibration::report::{
     ErrorModel as ErrorModelReport, Errors as ErrorsReport, FinalErrors as FinalFitReport,
     Identifiability as IdentifiabilityReport, NamedChange as ChangeReport,
@@ -7,7 +11,6 @@ pub use crate::calibration::report::{
     Repeatability as RepeatabilityReport, SubsetErrors as SubsetReport,
 };
 pub use crate::identification::corrections::Evidence as CorrectionReport;
-use crate::wire::check::CheckReport;
 use crate::wire::job::{Method, Model, Preset};
 use crate::wire::measurement::{Subset, Warning};
 use crate::wire::names;

@@ -179,51 +179,6 @@ pub struct CheckedAnswer {
     pub at: String,
 }
 
-/// State of a robot.
-#[derive(Clone, Debug, Default)]
-pub struct RobotState {
-    /// The job whose measurement set does not fit the robot.
-    pub check_job_id: Option<String>,
-    /// The last reason that was given for why the robot is in order.
-    pub checked: Option<CheckedAnswer>,
-    /// Version after its last edit.
-    pub version: i64,
-    /// When it was archived: RFC 3339, UTC.
-    pub archived_at: Option<String>,
-}
-
-impl RobotAnswer {
-    /// The answer for a stored robot.
-    pub fn new(id: String, body: RobotBody, created_at: String, state: RobotState) -> Self {
-        let RobotBody {
-            name,
-            serial_number,
-            description,
-            links,
-            mounting,
-            joint_map,
-        } = body;
-        Self {
-            id,
-            name,
-            serial_number,
-            description,
-            links,
-            mounting,
-            joint_map,
-            state: match state.check_job_id {
-                Some(_) => RobotStateName::CheckRobot,
-                None => RobotStateName::Ok,
-            },
-            check_job_id: state.check_job_id,
-            checked: state.checked,
-            version: state.version,
-            archived_at: state.archived_at,
-            created_at,
-        }
-    }
-}
-
 /// Makes all checks and converts the body. The error lists every invalid field.
 impl TryFrom<&RobotBody> for Robot {
     type Error = Invalid;

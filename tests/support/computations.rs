@@ -65,7 +65,7 @@ pub fn run_scripted(inputs: &JobInputs, monitor: Monitor<'_>) -> Computed {
 
 /// Result of a successful computation; it depends on the inputs alone.
 fn outcome(inputs: &JobInputs) -> JobOutcome {
-    let report_json = format!(r#"{{"n_bytes":{}}}"#, inputs.set.body.len());
+    let report_json = format!(r#"{{"n_bytes":{}}}"#, inputs.sets[0].body.len());
     JobOutcome {
         summary_json: report_json.clone(),
         report_json: report_json.into(),

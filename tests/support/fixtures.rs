@@ -4,7 +4,7 @@ use kincal::jobs::queue;
 use kincal::store::leases::{self, Eligible};
 use kincal::store::{
     JobRow, Lease, ListRequest, MeasurementSetRow, NewJob, NewMeasurementSet, NewRobot,
-    PageRequest, ParameterSetRow, RobotRow, Store, Tx, measurement_sets, parameter_sets, robots,
+    ParameterSetRow, RobotRow, Store, Tx, measurement_sets, parameter_sets, robots,
 };
 use kincal::wire::canonical;
 use kincal::wire::job::Method;
@@ -58,7 +58,7 @@ pub async fn a_set(store: &Store, robot: &RobotRow) -> MeasurementSetRow {
 pub fn new_job(set: &MeasurementSetRow, request_json: &str) -> NewJob {
     NewJob {
         robot_id: set.robot_id.clone(),
-        measurement_set_id: set.id.clone(),
+        set_ids: vec![set.id.clone()],
         kind: kincal::wire::job::Kind::Identify,
         method: Method::Auto,
         request_json: request_json.into(),
@@ -97,7 +97,7 @@ pub async fn claim(store: &Store, owner: &str, lease: Duration) -> Option<Lease>
 /// A list of all items, newest first.
 #[allow(dead_code, reason = "each test binary uses its part")]
 pub fn everything() -> ListRequest {
-    ListRequest::all(&PageRequest::default())
+    ListRequest::all()
 }
 
 /// A candidate and the job that identified it.

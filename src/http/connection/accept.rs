@@ -2,8 +2,8 @@
 
 use crate::config::LimitsConfig;
 use crate::http::app::shutdown_begun;
-use crate::http::connection::lingering::Lingering;
-use crate::http::connection::peer::Peer;
+use crate::http::auth::Peer;
+use crate::http::connection::lingering::linger;
 use crate::http::connection::tls::Tls;
 use crate::http::connection::unreadable::{self, WithProblems};
 use crate::http::counters::Metrics;
@@ -22,6 +22,7 @@ use hyper::service::service_fn;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use std::convert::Infallible;
 use std::net::SocketAddr;
+use std::pin::Pin;
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
@@ -184,10 +185,10 @@ async fn connection(stream: TcpStream, peer: SocketAddr, service: ConnectionCont
     stream.set_write_timeout(Some(service.client_timeout));
     let stream = Box::pin(stream);
     match &service.tls {
-        None => requests(Lingering::new(stream), peer, &service).await,
+        None => requests(stream, peer, &service).await,
         Some(tls) => {
             if let Ok(Ok(stream)) = timeout(service.client_timeout, tls.accept(stream)).await {
-                requests(Lingering::new(stream), peer, &service).await;
+                requests(stream, peer, &service).await;
             }
         }
     }
@@ -210,32 +211,36 @@ async fn requests(
         .header_read_timeout(service.client_timeout)
         .max_buf_size(MAX_HEADER_BYTES);
     let stream = TokioIo::new(WithProblems::new(stream, service.headers()));
-    let connection = builder.serve_connection(stream, service_fn(answer));
-    tokio::pin!(connection);
+    let mut connection = builder.serve_connection(stream, service_fn(answer));
+    let mut serving = Pin::new(&mut connection);
     // Waits for requests that are still arriving: hyper's graceful shutdown drops a request that it has not read.
     let grace_end = async {
         shutdown_begun(service.stopping.clone()).await;
         sleep(SHUTDOWN_GRACE).await;
     };
     let ended = tokio::select! {
-        ended = &mut connection => ended,
+        ended = &mut serving => ended,
         () = grace_end => {
-            connection.as_mut().graceful_shutdown();
-            connection.await
+            serving.as_mut().graceful_shutdown();
+            serving.await
         }
     };
     // Only unreadable requests are counted; other errors of a connection are the client's.
     if let Some(code) = ended.err().as_ref().and_then(unreadable::problem_code) {
         service.metrics.refused_connection(code);
     }
+    if let Some(mut stream) = connection.into_parts().io.into_inner().closed() {
+        linger(&mut stream).await;
+    }
 }
 
 /// Sends [`TOO_MANY_CONNECTIONS_ANSWER`], waits until the client has read it, and closes the connection.
-async fn turn_away(stream: TcpStream) {
-    let mut stream = Lingering::new(stream);
+async fn turn_away(mut stream: TcpStream) {
     let _ = timeout(TURN_AWAY_TIMEOUT, async {
         stream.write_all(TOO_MANY_CONNECTIONS_ANSWER).await?;
-        stream.shutdown().await
+        stream.shutdown().await?;
+        linger(&mut stream).await;
+        std::io::Result::Ok(())
     })
     .await;
 }

@@ -2,9 +2,6 @@
 
 mod accept;
 mod lingering;
-mod peer;
 pub mod server;
 pub mod tls;
 mod unreadable;
-
-pub use peer::Peer;

@@ -22,6 +22,8 @@ pub struct WithProblems<S> {
     headers: HeaderMap,
     /// The last bytes that hyper wrote, if they look like its own answer; held back until it is clear that no more follow.
     held: Vec<u8>,
+    /// Whether the writing side was closed.
+    is_closed: bool,
 }
 
 impl<S> WithProblems<S> {
@@ -31,7 +33,13 @@ impl<S> WithProblems<S> {
             stream,
             headers,
             held: Vec::new(),
+            is_closed: false,
         }
+    }
+
+    /// The stream, if its writing side was closed.
+    pub fn closed(self) -> Option<S> {
+        self.is_closed.then_some(self.stream)
     }
 }
 
@@ -153,6 +161,8 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for WithProblems<S> {
             self.held = with_body(&self.held, &error, &self.headers);
         }
         ready!(self.poll_release(context))?;
-        Pin::new(&mut self.stream).poll_shutdown(context)
+        ready!(Pin::new(&mut self.stream).poll_shutdown(context))?;
+        self.is_closed = true;
+        Poll::Ready(Ok(()))
     }
 }

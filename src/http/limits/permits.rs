@@ -15,13 +15,27 @@
 use crate::config::LimitsConfig;
 use crate::http::Error;
 use crate::http::limits::rate::TokenBuckets;
-use crate::http::limits::request_class::RequestClass;
 use crate::jobs::blocking;
 use std::net::{IpAddr, Ipv4Addr};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::time::timeout;
+
+/// Class of a request for limits. The table of routes states it for each route.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RequestClass {
+    /// Reads some rows.
+    Read,
+    /// Reads a whole document, or computes from stored data.
+    CostlyRead,
+    /// Computes from its body and stores nothing.
+    Calculation,
+    /// Withdraw, rollback and cancel, which have permits of their own.
+    Safety,
+    /// All other requests that are not reads.
+    Write,
+}
 
 /// Largest request body, bytes: the largest upload.
 pub const MAX_BODY_BYTES: usize = 32 * 1024 * 1024;

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use super::check::{BATCH, Check, MAX_LISTED, Options};
 use crate::store::audit_event::CREATION;
+use crate::store::sql::{self, values};
 use crate::store::{AuditEvent, AuditRow, Result, Store, audit, audit_chain, idempotency};
 
 /// Content of the chain, by subject.
@@ -24,17 +25,27 @@ pub(super) struct Entry {
     pub(super) detail: serde_json::Value,
 }
 
+/// SQL: everything whose creation has an entry.
+macro_rules! created_rows {
+    () => {
+        "select id, created_at_ms from robot union all select id, created_at_ms from measurement_set
+         union all select id, created_at_ms from named_document union all select id, created_at_ms from frames
+         union all select id, created_at_ms from job
+         union all select id, created_at_ms from network union all select id, created_at_ms from residual_network
+         union all select id, created_at_ms from parameter_set
+         union all select id, created_at_ms from api_key"
+    };
+}
+pub(super) use created_rows;
+
 /// Rows that were created after the chain began and have no entry.
-pub(super) const MISSING: &str = "
-    select id from (
-        select id, created_at_ms from robot union all select id, created_at_ms from measurement_set
-        union all select id, created_at_ms from named_document union all select id, created_at_ms from frames
-        union all select id, created_at_ms from job
-        union all select id, created_at_ms from network union all select id, created_at_ms from residual_network
-        union all select id, created_at_ms from parameter_set
-        union all select id, created_at_ms from api_key) as things
-    where created_at_ms > $1 and not exists (select 1 from audit where subject = id and event like $3)
-    order by id limit cast($2 as bigint)";
+pub(super) const MISSING: &str = concat!(
+    "select id from (",
+    created_rows!(),
+    ") as things
+     where created_at_ms > $1 and not exists (select 1 from audit where subject = id and event like $3)
+     order by id limit cast($2 as bigint)"
+);
 
 impl Chain {
     /// The entries of one event about one subject.
@@ -125,12 +136,9 @@ pub(super) async fn read(store: &Store, options: &Options) -> Result<Chain> {
             head.seq
         ));
     }
-    let missing: Vec<String> = sqlx::query_scalar(MISSING)
-        .bind(head.begun_at_ms)
-        .bind(MAX_LISTED as i64)
-        .bind(format!("%{CREATION}"))
-        .fetch_all(store.readers())
-        .await?;
+    let pattern = format!("%{CREATION}");
+    let values = values![head.begun_at_ms, MAX_LISTED as i64, pattern];
+    let missing: Vec<String> = sql::all_values(store.readers(), MISSING, values).await?;
     missing
         .into_iter()
         .for_each(|id| check.violated(format!("{id} has no entry about its creation")));

@@ -2,15 +2,16 @@
 
 use std::collections::BTreeMap;
 
-use super::chain::Chain;
+use super::chain::{Chain, created_rows};
 use super::check::{BATCH, Check, DOCUMENT_BATCH, Options};
 use super::rules;
 use crate::store::from_row::row;
 use crate::store::id_prefix::IdPrefix;
 use crate::store::idempotency::{self, Answered, IdempotencyScope};
-use crate::store::job_sessions::further_set_ids;
+use crate::store::jobs::further_set_ids;
 use crate::store::report_summaries::SummaryOfReport;
-use crate::store::{AuditEvent, Result, Store, estimates, read, report_summaries};
+use crate::store::sql::{self, values};
+use crate::store::{AuditEvent, Result, Store, parameter_sets, report_summaries};
 use crate::wire::canonical::sha256_hex;
 use crate::wire::report_summary::summary_json;
 use serde::Deserialize;
@@ -38,15 +39,11 @@ pub(super) const ANSWERS: &str = "
     select key_holder, method, path, idempotency_key, request_sha256, status, location, content_type, response_body from idempotency
     where (key_holder, method, path, idempotency_key) > ($1, $2, $3, $4)
     order by key_holder, method, path, idempotency_key limit cast($5 as bigint)";
-pub(super) const SUBJECT_SET: &str = "select count(*) from measurement_set where id = $1";
-pub(super) const SUBJECT_FRAMES: &str = "select count(*) from frames where id = $1";
-pub(super) const SUBJECT_NAMED_DOCUMENT: &str = "select count(*) from named_document where id = $1";
-pub(super) const SUBJECT_ROBOT: &str = "select count(*) from robot where id = $1";
-pub(super) const SUBJECT_JOB: &str = "select count(*) from job where id = $1";
-pub(super) const SUBJECT_PARAMETER_SET: &str = "select count(*) from parameter_set where id = $1";
-pub(super) const SUBJECT_NETWORK: &str = "
-    select count(*) from (select id from network union all select id from residual_network) as both_kinds where id = $1";
-pub(super) const SUBJECT_KEY: &str = "select count(*) from api_key where id = $1";
+pub(super) const IS_THERE: &str = concat!(
+    "select count(*) from (",
+    created_rows!(),
+    ") as things where id = $1"
+);
 pub(super) const ENDS: &str = "
     select id, status, created_at_ms, (select count(*) from parameter_set p where p.job_id = job.id)
     from job where id > $1 order by id limit cast($2 as bigint)";
@@ -89,13 +86,20 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
             });
             compare_with_entry(&mut check, chain, &id, field, &now);
         };
-        read::each(store, query, DOCUMENT_BATCH, |row| &row.0, examine).await?;
+        sql::each(
+            store.readers(),
+            query,
+            DOCUMENT_BATCH,
+            |row| &row.0,
+            examine,
+        )
+        .await?;
     }
     let documents = [
         (REPORTS, AuditEvent::JobSucceeded, "report_sha256"),
         (CONVERGENCES, AuditEvent::JobSucceeded, "convergence_sha256"),
         (
-            estimates::ALL,
+            parameter_sets::ESTIMATES,
             AuditEvent::ParameterSetCreated,
             "estimate_sha256",
         ),
@@ -107,7 +111,14 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
             let now = sha256_hex(document.as_bytes());
             compare_with_entry(&mut check, chain, &id, field, &now);
         };
-        read::each(store, query, DOCUMENT_BATCH, |row| &row.0, examine).await?;
+        sql::each(
+            store.readers(),
+            query,
+            DOCUMENT_BATCH,
+            |row| &row.0,
+            examine,
+        )
+        .await?;
     }
     check.n_examined = found;
     compare_summaries(&mut check, store).await?;
@@ -131,7 +142,14 @@ async fn compare_summaries(check: &mut Check, store: &Store) -> Result<()> {
         });
     };
     let query = report_summaries::BY_ID;
-    read::each(store, query, DOCUMENT_BATCH, |row| &row.job_id, examine).await
+    sql::each(
+        store.readers(),
+        query,
+        DOCUMENT_BATCH,
+        |row| &row.job_id,
+        examine,
+    )
+    .await
 }
 
 /// A field of the newest entry of an event.
@@ -161,20 +179,11 @@ async fn check_lost_rows(check: &mut Check, store: &Store, chain: &Chain) -> Res
 }
 
 async fn is_there(store: &Store, id: &str) -> Result<bool> {
-    let Some(prefix) = IdPrefix::of(id) else {
+    if IdPrefix::of(id).is_none() {
         return Ok(true);
-    };
-    let query = match prefix {
-        IdPrefix::MeasurementSet => SUBJECT_SET,
-        IdPrefix::Frames => SUBJECT_FRAMES,
-        IdPrefix::Columns | IdPrefix::Document | IdPrefix::Reference => SUBJECT_NAMED_DOCUMENT,
-        IdPrefix::Robot => SUBJECT_ROBOT,
-        IdPrefix::Job => SUBJECT_JOB,
-        IdPrefix::ParameterSet => SUBJECT_PARAMETER_SET,
-        IdPrefix::Network => SUBJECT_NETWORK,
-        IdPrefix::Key => SUBJECT_KEY,
-    };
-    Ok(read::value::<i64>(store.readers(), query, id).await? == 1)
+    }
+    let n: i64 = sql::value(store.readers(), IS_THERE, values![id]).await?;
+    Ok(n == 1)
 }
 
 /// I2: the stored answer to an Idempotency-Key and the effect of the request agree, because one transaction wrote both. A missing answer cannot be
@@ -186,13 +195,8 @@ pub(super) async fn answers_have_effects(store: &Store, chain: &Chain) -> Result
     );
     let mut after = IdempotencyScope::default();
     loop {
-        let query = sqlx::query_as(ANSWERS)
-            .bind(&after.holder)
-            .bind(&after.method)
-            .bind(&after.path)
-            .bind(&after.key)
-            .bind(BATCH);
-        let rows: Vec<Answered> = query.fetch_all(store.readers()).await?;
+        let values = values![after.holder, after.method, after.path, after.key, BATCH];
+        let rows: Vec<Answered> = sql::all(store.readers(), ANSWERS, values).await?;
         let Some(last) = rows.last() else {
             return Ok(check);
         };
@@ -259,12 +263,10 @@ pub(super) async fn jobs_end_once(
             format!("{id} is {status} and has a parameter set")
         });
     };
-    read::each(store, ENDS, BATCH, |row| &row.0, examine).await?;
+    sql::each(store.readers(), ENDS, BATCH, |row| &row.0, examine).await?;
     if options.is_served {
-        let stuck: Vec<String> = sqlx::query_scalar(STUCK)
-            .bind(STUCK_AFTER_MS)
-            .fetch_all(store.readers())
-            .await?;
+        let values = values![STUCK_AFTER_MS];
+        let stuck: Vec<String> = sql::all_values(store.readers(), STUCK, values).await?;
         stuck.into_iter().for_each(|id| {
             check.violated(format!(
                 "{id} is stuck: its lease ran out over a minute ago"
@@ -286,7 +288,7 @@ async fn at_most_one(
     counts: &'static str,
     what: &str,
 ) -> Result<Check> {
-    let counts: Vec<(String, i64)> = sqlx::query_as(counts).fetch_all(store.readers()).await?;
+    let counts: Vec<(String, i64)> = sql::all(store.readers(), counts, values![]).await?;
     for (id, n) in counts {
         check.n_examined += 1;
         check.require(n == 1, || format!("{id} has {n} {what}"));
@@ -362,7 +364,14 @@ pub(super) async fn same_request_same_result(store: &Store, chain: &Chain) -> Re
             format!("{id} and {first} have equal inputs and different results")
         });
     };
-    read::each(store, JOBS, DOCUMENT_BATCH, |row| &row.id, examine).await?;
+    sql::each(
+        store.readers(),
+        JOBS,
+        DOCUMENT_BATCH,
+        |row| &row.id,
+        examine,
+    )
+    .await?;
     Ok(check)
 }
 
@@ -387,7 +396,7 @@ row! {
 /// I7: the checks of a release are stored, all of them passed, and their hash is in the chain.
 pub(super) async fn releases_have_checks(store: &Store, chain: &Chain) -> Result<Check> {
     let mut check = Check::new("I7", "no release without its checks");
-    let rows: Vec<Released> = sqlx::query_as(RELEASES).fetch_all(store.readers()).await?;
+    let rows: Vec<Released> = sql::all(store.readers(), RELEASES, values![]).await?;
     for row in rows {
         let Released {
             id,

@@ -10,7 +10,7 @@ use crate::store::parameter_sets::ParameterSetRow;
 use crate::store::policies::PolicyChange;
 use crate::store::{
     ApiKeyRow, ArchivedRow, AuditEvent, FramesRow, MeasurementSetRow, NamedDocumentRow, NetworkRow,
-    ParameterSetStatus, Result, RobotRow, Store, VerificationRow, read, robot_versions,
+    ParameterSetStatus, Result, RobotRow, Store, VerificationRow, robot_versions, sql,
 };
 use crate::wire::canonical;
 
@@ -145,7 +145,7 @@ async fn each<T: Audited>(
             .for_each(|entry| compare(check, chain, row.subject(), entry));
         further(check, &row);
     };
-    read::each(store, T::BY_ID, BATCH, T::subject, examine).await
+    sql::each(store.readers(), T::BY_ID, BATCH, T::subject, examine).await
 }
 
 /// Compares a row's fields with an audit entry. Fields that the entry does not have are skipped, because older entries lack some fields.

@@ -1,6 +1,7 @@
 //! Check I9: the database is sound and its schema is complete. This includes the constraints that enforce I4, I6 and I7.
 
 use super::check::Check;
+use crate::store::sql::{self, values};
 use crate::store::{Engine, Result, Store};
 
 pub(super) const QUERIES_SQLITE: &[&str] =
@@ -86,6 +87,10 @@ const UNIQUE: &[&str] = &[
     "named_document(robot_id,kind,name,version)",
 ];
 
+async fn names(store: &Store, query: &'static str) -> Result<Vec<String>> {
+    sql::all_values(store.readers(), query, values![]).await
+}
+
 pub(super) async fn is_sound(store: &Store) -> Result<Check> {
     let mut check = Check::new(
         "I9",
@@ -93,38 +98,27 @@ pub(super) async fn is_sound(store: &Store) -> Result<Check> {
     );
     let (objects, unique) = match store.engine() {
         Engine::Sqlite => {
-            let lines: Vec<String> = sqlx::query_scalar(INTEGRITY)
-                .fetch_all(store.readers())
-                .await?;
+            let lines = names(store, INTEGRITY).await?;
             check.n_examined += lines.len() as i64;
             lines
                 .into_iter()
                 .filter(|line| line != "ok")
                 .for_each(|line| check.violated(line));
-            let tables: Vec<String> = sqlx::query_scalar(FOREIGN_KEYS)
-                .fetch_all(store.readers())
-                .await?;
+            let tables = names(store, FOREIGN_KEYS).await?;
             tables.into_iter().for_each(|table| {
                 check.violated(format!("a row of {table} refers to one that is not there"))
             });
             (OBJECTS_SQLITE, UNIQUE_SQLITE)
         }
         Engine::Postgres => {
-            let unproven: Vec<String> = sqlx::query_scalar(NOT_VALIDATED_POSTGRES)
-                .fetch_all(store.readers())
-                .await?;
+            let unproven = names(store, NOT_VALIDATED_POSTGRES).await?;
             unproven
                 .into_iter()
                 .for_each(|name| check.violated(format!("constraint {name} is not validated")));
             (OBJECTS_POSTGRES, UNIQUE_POSTGRES)
         }
     };
-    let objects: Vec<String> = sqlx::query_scalar(objects)
-        .fetch_all(store.readers())
-        .await?;
-    let unique: Vec<String> = sqlx::query_scalar(unique)
-        .fetch_all(store.readers())
-        .await?;
+    let (objects, unique) = (names(store, objects).await?, names(store, unique).await?);
     for (name, found) in GUARDS
         .iter()
         .map(|name| (name, &objects))

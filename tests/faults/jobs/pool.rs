@@ -41,7 +41,6 @@ fn a_pool_runs_every_job_once() {
         let sets = parameter_sets::search(store, &set.robot_id, &everything())
             .await
             .unwrap()
-            .page
             .items;
         assert_eq!(sets.len(), 36);
     });
@@ -222,7 +221,6 @@ fn a_computation_that_does_not_stop_is_handed_back_and_its_late_result_is_not_st
             parameter_sets::search(store, &set.robot_id, &everything())
                 .await
                 .unwrap()
-                .page
                 .items
                 .len(),
             1

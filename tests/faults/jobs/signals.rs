@@ -23,7 +23,10 @@ fn an_event_stream_sees_begin_progress_and_end() {
         let mut seen = job.clone();
         let mut stages = Vec::new();
         while !seen.status.is_over() {
-            let next = signals.wait_for_change(store, &seen, LONG).await.unwrap();
+            let next = signals
+                .wait_for_change(store, &seen.id, LONG, |job| job.has_moved_on(&seen))
+                .await
+                .unwrap();
             assert_ne!(
                 (next.status, &next.progress_json),
                 (seen.status, &seen.progress_json),
@@ -57,7 +60,7 @@ fn a_long_poll_does_not_end_for_progress_but_for_a_status() {
             let (store, signals, id) = (store.clone(), signals.clone(), job.id.clone());
             async move {
                 signals
-                    .wait_for_status_change(&store, &id, JobStatus::Running, LONG)
+                    .wait_for_change(&store, &id, LONG, |job| job.status != JobStatus::Running)
                     .await
                     .unwrap()
             }
@@ -66,7 +69,7 @@ fn a_long_poll_does_not_end_for_progress_but_for_a_status() {
         let running = jobs::get(store, &job.id).await.unwrap();
         if running.progress_json.is_none() {
             signals
-                .wait_for_change(store, &running, LONG)
+                .wait_for_change(store, &job.id, LONG, |job| job.has_moved_on(&running))
                 .await
                 .unwrap();
         }
@@ -86,7 +89,7 @@ fn a_long_poll_hears_of_what_another_process_does() {
             let (store, id) = (store.clone(), job.id.clone());
             async move {
                 JobSignals::default()
-                    .wait_for_status_change(&store, &id, JobStatus::Queued, LONG)
+                    .wait_for_change(&store, &id, LONG, |job| job.status != JobStatus::Queued)
                     .await
                     .unwrap()
             }
@@ -106,7 +109,7 @@ fn a_long_poll_ends_at_once_for_a_job_that_is_over_and_in_time_for_one_that_is_n
         let begun = Instant::now();
         let wait = Duration::from_millis(50);
         let unchanged = signals
-            .wait_for_status_change(store, &job.id, JobStatus::Queued, wait)
+            .wait_for_change(store, &job.id, wait, |job| job.status != JobStatus::Queued)
             .await
             .unwrap();
         assert_eq!(unchanged, job);
@@ -115,13 +118,15 @@ fn a_long_poll_ends_at_once_for_a_job_that_is_over_and_in_time_for_one_that_is_n
             .await
             .unwrap();
         let over = signals
-            .wait_for_status_change(store, &job.id, JobStatus::Cancelled, LONG)
+            .wait_for_change(store, &job.id, LONG, |job| {
+                job.status != JobStatus::Cancelled
+            })
             .await
             .unwrap();
         assert_eq!(over.status, JobStatus::Cancelled);
         assert!(begun.elapsed() < LONG / 2);
         let missing = signals
-            .wait_for_status_change(store, "job_0", JobStatus::Queued, LONG)
+            .wait_for_change(store, "job_0", LONG, |job| job.status != JobStatus::Queued)
             .await;
         assert!(matches!(missing, Err(Error::NotFound)), "{missing:?}");
     });

@@ -4,7 +4,7 @@ use crate::app::{TestApp, text};
 use crate::engines::for_each_engine;
 use crate::fixtures::{a_robot, in_transaction};
 use crate::people::{guarded, key, with_key};
-use kincal::store::{Archivable, ListRequest, PageRequest, archive, robots};
+use kincal::store::{Archivable, ListRequest, archive, robots};
 use kincal::wire::page::{ArchivedFilter, Sort};
 use reqwest::Method;
 use serde_json::{Value, json};
@@ -204,22 +204,19 @@ fn both_engines_search_sort_and_page_alike() {
         .await;
         let names = async |sort: Sort, search: &str, archived: ArchivedFilter| {
             let mut request = ListRequest {
-                page: PageRequest {
-                    limit: 2,
-                    cursor: None,
-                },
+                limit: 2,
                 sort,
                 archived,
                 search: search.into(),
-                ..ListRequest::default()
+                ..ListRequest::all()
             };
             let mut names = Vec::new();
             loop {
                 let found = robots::search(store, None, &request).await.unwrap();
-                names.extend(found.page.items.into_iter().map(|row| row.name));
-                match found.page.next_cursor {
+                names.extend(found.items.into_iter().map(|row| row.name));
+                match found.next_cursor {
                     // As a client sends it back.
-                    Some(next) => request.page.cursor = Some(next.to_string().parse().unwrap()),
+                    Some(next) => request.cursor = Some(next.to_string().parse().unwrap()),
                     None => {
                         assert_eq!(names.len() as i64, found.total);
                         return names;

@@ -122,7 +122,6 @@ fn a_posted_job_waits_with_what_was_asked() {
             jobs::search(store, &set.robot_id, &everything())
                 .await
                 .unwrap()
-                .page
                 .items,
             [job]
         );
@@ -295,7 +294,6 @@ fn a_job_is_finished_once() {
         let sets = parameter_sets::search(store, &job.robot_id, &everything())
             .await
             .unwrap()
-            .page
             .items;
         assert_eq!(sets.len(), 1);
         assert_eq!(
@@ -548,7 +546,7 @@ fn a_robot_has_ten_thousand_jobs_waiting_and_no_more() {
         assert_eq!(queued_and_running(store).await, (10_000, 0));
         let new = NewJob {
             robot_id: job.robot_id.clone(),
-            measurement_set_id: job.measurement_set_id.clone(),
+            set_ids: vec![job.measurement_set_id.clone()],
             ..some_new_job()
         };
         let mut tx = store.begin().await.unwrap();

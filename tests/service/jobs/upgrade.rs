@@ -276,9 +276,9 @@ fn robots_and_results_of_d61237a_are_edited_and_archived_as_new_ones_are() {
             "{refused:?}"
         );
         tx.rollback().await.unwrap();
-        let all = ListRequest::default();
+        let all = ListRequest::all();
         let before = jobs::search(&store, &robot.id, &all).await.unwrap();
-        let job = &before.page.items[0];
+        let job = &before.items[0];
         assert_eq!((job.robot_version, job.archived_at_ms), (1, None));
         in_transaction(&store, async |tx| {
             archive::archive(tx, Archivable::Job, &job.id, &robot.id, "key_1").await
@@ -347,14 +347,10 @@ fn mappings_of_columns_keep_their_order_and_what_is_stored_next_is_in_force_what
         }
         assert_eq!(newest(columns).await, (3, "{\"third\": 1}".into()));
         assert_eq!(newest(NamedDocumentKind::WorkFrame).await.0, 1);
-        let all = ListRequest::default();
+        let all = ListRequest::all();
         let listed = named_documents::list(&store, robot, columns, &all).await;
         let listed = listed.unwrap();
-        let of_names = listed
-            .page
-            .items
-            .iter()
-            .map(|row| (&*row.name, row.version));
+        let of_names = listed.items.iter().map(|row| (&*row.name, row.version));
         assert_eq!(of_names.collect::<Vec<_>>(), [("export", 3), ("other", 1)]);
         assert_eq!(listed.total, 2);
         for check in verify(&store, &Options::default()).await.unwrap() {

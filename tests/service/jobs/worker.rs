@@ -199,7 +199,7 @@ fn a_computation_gets_everything_that_its_job_names() {
         _: crate::computations::Monitor<'_>,
     ) -> Result<JobOutcome, JobFailure> {
         let ids = serde_json::json!({
-            "robot": inputs.robot.id, "status": inputs.job.status.as_str(), "set": inputs.set.row.id,
+            "robot": inputs.robot.id, "status": inputs.job.status.as_str(), "set": inputs.sets[0].row.id,
             "verify_set": inputs.verify_set.as_ref().map(|set| (&set.row.id, &set.body)),
             "frames": inputs.frames.as_ref().map(|frames| &frames.id),
             "network": inputs.network.as_ref().map(|network| (&network.row.id, &network.weights)),
@@ -345,7 +345,6 @@ fn a_computation_without_an_end_is_tried_as_often_as_allowed_and_others_go_on() 
             parameter_sets::search(store, &set.robot_id, &everything())
                 .await
                 .unwrap()
-                .page
                 .items
                 .len(),
             2
@@ -485,7 +484,6 @@ fn a_worker_that_lost_its_lease_stops_computing_and_writes_nothing() {
             parameter_sets::search(store, &set.robot_id, &everything())
                 .await
                 .unwrap()
-                .page
                 .items,
             []
         );
@@ -493,7 +491,6 @@ fn a_worker_that_lost_its_lease_stops_computing_and_writes_nothing() {
             networks::search(store, &set.robot_id, &everything())
                 .await
                 .unwrap()
-                .page
                 .items,
             []
         );

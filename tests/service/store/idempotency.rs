@@ -1,7 +1,7 @@
 //! One effect per `Idempotency-Key`.
 
 use kincal::store::{
-    Error, IdempotencyScope, IdempotentOutcome, NewRobot, PageRequest, Result, Store,
+    Error, IdempotencyScope, IdempotentOutcome, ListRequest, NewRobot, Result, Store,
     StoredResponse, Tx, robots,
 };
 
@@ -38,7 +38,7 @@ pub async fn make_a_robot(tx: &mut Tx) -> Result<StoredResponse> {
 }
 
 async fn n_robots(store: &Store) -> usize {
-    robots::list(store, None, &PageRequest::default())
+    robots::search(store, None, &ListRequest::all())
         .await
         .unwrap()
         .items

@@ -36,7 +36,10 @@ async fn three_sets(store: &Store, robot: &RobotRow) -> [MeasurementSetRow; 3] {
 
 fn of_sessions(first: &MeasurementSetRow, further: &[&MeasurementSetRow]) -> NewJob {
     NewJob {
-        further_set_ids: further.iter().map(|set| set.id.clone()).collect(),
+        set_ids: std::iter::once(first)
+            .chain(further.iter().copied())
+            .map(|set| set.id.clone())
+            .collect(),
         ..new_job(first, "{}")
     }
 }
@@ -90,7 +93,7 @@ fn a_job_of_an_unknown_set_or_of_one_set_twice_is_not_stored() {
         let robot = a_robot(store, "r").await;
         let [first, second, _] = three_sets(store, &robot).await;
         let mut unknown = of_sessions(&first, &[&second]);
-        unknown.further_set_ids.push("set_0".into());
+        unknown.set_ids.push("set_0".into());
         let twice = of_sessions(&first, &[&second, &second]);
         let not_found = |stored: &Result<()>| matches!(stored, Err(Error::NotFound));
         let duplicate =

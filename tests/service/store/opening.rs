@@ -3,7 +3,8 @@
 use std::time::{Duration, SystemTime};
 
 use kincal::store::{
-    Engine, Error, Exhausted, NewJob, Store, StoreLocation, all_queries, jobs, leases, robots,
+    Engine, Error, Exhausted, ListRequest, NewJob, Store, StoreLocation, all_queries, jobs, leases,
+    robots,
 };
 use sqlx::migrate::Migrator;
 use sqlx::{AssertSqlSafe, Executor, SqlitePool, query_scalar};
@@ -125,7 +126,7 @@ fn a_data_directory_serves_one_server_at_a_time() {
             .await
             .unwrap();
         assert_eq!(
-            robots::list(&tool, None, &Default::default())
+            robots::search(&tool, None, &ListRequest::all())
                 .await
                 .unwrap()
                 .items,

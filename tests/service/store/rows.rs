@@ -4,7 +4,7 @@ use std::collections::HashSet;
 
 use kincal::store::{
     Conflict, Cursor, Error, ListRequest, NewApiKey, NewFrames, NewMeasurementSet, NewNetwork,
-    NewRobot, Page, PageRequest, api_keys, frames, jobs, measurement_sets, networks, robots,
+    NewRobot, Page, api_keys, frames, jobs, measurement_sets, networks, robots,
 };
 use kincal::wire::job::{Model, Preset};
 
@@ -125,7 +125,6 @@ fn a_network_reads_back_and_the_newest_of_its_kind_is_found() {
             networks::search(store, &robot.id, &everything())
                 .await
                 .unwrap()
-                .page
                 .items,
             rows
         );
@@ -182,7 +181,7 @@ fn a_dropped_transaction_leaves_nothing() {
             drop(tx);
         }
         assert_eq!(
-            robots::list(store, None, &PageRequest::default())
+            robots::search(store, None, &ListRequest::all())
                 .await
                 .unwrap()
                 .items,
@@ -190,7 +189,7 @@ fn a_dropped_transaction_leaves_nothing() {
         );
         let kept = a_robot(store, "kept").await;
         assert_eq!(
-            robots::list(store, None, &PageRequest::default())
+            robots::search(store, None, &ListRequest::all())
                 .await
                 .unwrap()
                 .items,
@@ -216,8 +215,7 @@ fn many_writers_at_once_all_get_through() {
         assert_eq!(ids.len(), 32);
         let listed = measurement_sets::search(&database.store, &robot.id, &everything())
             .await
-            .unwrap()
-            .page;
+            .unwrap();
         assert_eq!(
             listed
                 .items
@@ -242,14 +240,15 @@ fn pages_are_complete_and_stable_while_rows_are_added() {
         }
         expected.reverse();
         let mut listed = Vec::new();
-        let mut request = PageRequest {
+        let mut request = ListRequest {
             limit: 5,
-            cursor: None,
+            ..ListRequest::all()
         };
         loop {
-            let all = ListRequest::all(&request);
-            let found = measurement_sets::search(store, &robot.id, &all).await;
-            let Page { items, next_cursor } = found.unwrap().page;
+            let found = measurement_sets::search(store, &robot.id, &request).await;
+            let Page {
+                items, next_cursor, ..
+            } = found.unwrap();
             assert!(items.len() <= 5);
             listed.extend(items);
             a_set(store, &robot).await;
@@ -273,14 +272,13 @@ fn rows_of_the_same_millisecond_come_once_each() {
             .await
             .unwrap();
         let mut ids = Vec::new();
-        let mut request = PageRequest {
+        let mut request = ListRequest {
             limit: 3,
-            cursor: None,
+            ..ListRequest::all()
         };
         loop {
-            let all = ListRequest::all(&request);
-            let found = measurement_sets::search(store, &robot.id, &all).await;
-            let page = found.unwrap().page;
+            let found = measurement_sets::search(store, &robot.id, &request).await;
+            let page = found.unwrap();
             ids.extend(page.items.into_iter().map(|row| row.id));
             request.cursor = page.next_cursor;
             if request.cursor.is_none() {
@@ -305,16 +303,11 @@ fn a_page_that_holds_all_has_no_next() {
             (3, 3, false),
             (u32::MAX, 3, false),
         ] {
-            let page = robots::list(
-                store,
-                None,
-                &PageRequest {
-                    limit,
-                    cursor: None,
-                },
-            )
-            .await
-            .unwrap();
+            let request = ListRequest {
+                limit,
+                ..ListRequest::all()
+            };
+            let page = robots::search(store, None, &request).await.unwrap();
             assert_eq!(
                 (page.items.len(), page.next_cursor.is_some()),
                 (n, more),
@@ -334,12 +327,12 @@ fn a_list_limited_to_some_robots_has_only_those() {
             a_robot(store, "c").await,
         );
         let only = [a.id.clone(), c.id.clone(), "rob_0".into()];
-        let page = robots::list(store, Some(&only), &PageRequest::default())
+        let page = robots::search(store, Some(&only), &ListRequest::all())
             .await
             .unwrap();
         assert_eq!(page.items, [c, a]);
         assert_eq!(
-            robots::list(store, Some(&[]), &PageRequest::default())
+            robots::search(store, Some(&[]), &ListRequest::all())
                 .await
                 .unwrap()
                 .items,
@@ -396,7 +389,7 @@ fn a_key_is_found_by_its_hash_until_it_is_revoked() {
             revoked
         );
         assert_eq!(
-            api_keys::list(store, &PageRequest::default())
+            api_keys::list(store, &ListRequest::all())
                 .await
                 .unwrap()
                 .items,

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use kincal::store::{Error, NewRobot, PageRequest, Store, Tx, audit, robots};
+use kincal::store::{Error, ListRequest, NewRobot, Store, Tx, audit, robots};
 use sqlx::{Connection, Executor};
 
 use crate::engines::{for_each_engine, on_sqlite};
@@ -21,7 +21,7 @@ async fn insert(tx: &mut Tx, name: &str) {
 }
 
 async fn names(store: &Store) -> Vec<String> {
-    let mut names: Vec<String> = robots::list(store, None, &PageRequest::default())
+    let mut names: Vec<String> = robots::search(store, None, &ListRequest::all())
         .await
         .unwrap()
         .items
