@@ -20,7 +20,7 @@ use crate::jobs::JobFailure;
 use crate::jobs::execution;
 use crate::kinematics::Robot;
 use crate::operations::rotation_convention::with_best_convention;
-use crate::release::{accept_misfit, accept_rotations, headline, provenance, refused_as};
+use crate::release::{INSISTED, accept_misfit, accept_rotations, headline, provenance, refused_as};
 use crate::report_page::words;
 use crate::report_page::{self, MeasuredSet, Sources};
 use crate::wire::export::ExportDocument;
@@ -205,10 +205,11 @@ impl Session {
 fn read_session(path: &Path, robot: &Robot, arguments: &Arguments) -> anyhow::Result<Session> {
     let frame = arguments.set_options.frame;
     let files = read_measured(path, &arguments.table)?;
+    let shown = arguments.table.shown(path);
     let upload = files.upload(frame, arguments.set_options.noise.instrument());
     let (set, reading) = measurement::from_file(&upload, robot.links.len()).map_err(|invalid| {
         let invalid = with_best_convention(invalid, robot, &upload);
-        Usage(cannot_be_used(path, &invalid.issues))
+        Usage(cannot_be_used(&shown, &invalid.issues))
     })?;
     let set = match arguments.set_options.inverse_poses {
         true => measurement::inverted(set)
@@ -228,7 +229,7 @@ fn read_session(path: &Path, robot: &Robot, arguments: &Arguments) -> anyhow::Re
     let unread = reading.as_ref().and_then(Reading::unread_labels);
     // A server checks the same: the fit can look perfect with wrong units, columns, rotations or joints.
     let insist = arguments.set_options.insist;
-    let refused = |invalid: Invalid| Usage(cannot_be_used(path, &invalid.issues));
+    let refused = |invalid: Invalid| Usage(cannot_be_used(&shown, &invalid.issues));
     // wrong rotations say more than positions that fit badly with them
     let of_rotations = accept_rotations(robot, &set, insist).map_err(refused)?;
     let of_positions = match alignment::align(robot, &set) {
@@ -269,7 +270,8 @@ pub fn refuse_unusable(report: &Report, job_id: Option<&str>) -> anyhow::Result<
         let (what, next) = (words::warning(code), plain(&check.next));
         anyhow::bail!("{what} ({code})\nnext: {next}");
     }
-    let Some(code) = code else {
+    // a file that was refused is used by nothing, however well it fits in the end
+    let Some(code) = code.or(refused_as(report).map(|_| INSISTED)) else {
         return Ok(());
     };
     let refused = refused_as(report).map(remedy_of_refusal);

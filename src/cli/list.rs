@@ -175,6 +175,11 @@ pub struct RobotArguments {
     /// Only robots whose name or serial number contains this text.
     #[arg(long, env = "KINCAL_SEARCH", value_name = "TEXT")]
     search: Option<String>,
+    /// List all robots with what each needs, and why; the most urgent first.
+    #[arg(
+        long, env = "KINCAL_NEEDS", conflicts_with_all = ["id", "sort"], value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue
+    )]
+    needs: bool,
     #[command(flatten)]
     options: ListOptions,
 }
@@ -230,8 +235,52 @@ pub struct NetworkArguments {
     weights: Option<PathBuf>,
 }
 
+/// Needs of a robot, the most urgent first.
+const NEEDS: [&str; 7] = [
+    "check_robot",
+    "drifted",
+    "job_failed",
+    "review",
+    "due",
+    "calibrate",
+    "nothing",
+];
+/// Columns of the list of needs.
+const NEED_COLUMNS: [&str; 4] = ["robot_id", "name", "need", "reason"];
+/// Maximum number of pages of the list of needs.
+const MAX_PAGES: usize = 100;
+
+/// Lists what each robot needs.
+fn needs(arguments: &RobotArguments) -> anyhow::Result<()> {
+    let mut query = arguments.options.query();
+    query.extend(arguments.search.clone().map(|text| ("search", text)));
+    query.push(("limit", MAX_ROWS.to_string()));
+    let mut robots: Vec<Value> = block_on(async {
+        let client = arguments.server.client()?;
+        let (mut robots, mut cursor) = (Vec::new(), None);
+        for _ in 0..MAX_PAGES {
+            let mut query = query.clone();
+            query.extend(cursor.map(|cursor| ("cursor", cursor)));
+            let page = client.get(&with_query("/v1/overview", &query)?).await?;
+            robots.extend(items(&page).cloned());
+            cursor = page["next_cursor"].as_str().map(str::to_owned);
+            if cursor.is_none() {
+                break;
+            }
+        }
+        anyhow::Ok(robots)
+    })?;
+    robots.sort_by_key(|robot| NEEDS.iter().position(|need| robot["need"] == *need));
+    let rows: Vec<_> = robots.iter().map(|r| cells(r, &NEED_COLUMNS)).collect();
+    let output = &arguments.options.output;
+    output.table(&robots, &NEED_COLUMNS, &rows, ROBOTS.empty)
+}
+
 /// `kincal robots`.
 pub fn robots(arguments: &RobotArguments) -> anyhow::Result<()> {
+    if arguments.needs {
+        return needs(arguments);
+    }
     let filters = [("search", &arguments.search)];
     let one = (None, arguments.id.as_ref());
     list_or_show(
@@ -370,7 +419,7 @@ fn list_or_show(
         output.table(&page, kind.columns, &rows, &empty)?;
         if !page["next_cursor"].is_null() && !output.json {
             eprintln!(
-                "the first {MAX_ROWS} of {} are shown: choose by --search, --status or --archived",
+                "the first {MAX_ROWS} of {} are shown: choose by the filters that --help lists",
                 page["total"]
             );
         }

@@ -28,6 +28,16 @@ pub struct TableOptions {
     pub numbers: NumberFormat,
 }
 
+impl TableOptions {
+    /// The file or files of a set, for messages.
+    pub fn shown(&self, set: &Path) -> PathBuf {
+        match self.instrument.as_ref().or(self.instrument_export.as_ref()) {
+            Some(other) => format!("{} and {}", set.display(), other.display()).into(),
+            None => set.into(),
+        }
+    }
+}
+
 /// The files of a set as they are uploaded.
 pub struct Measured {
     /// Content type of the bytes.

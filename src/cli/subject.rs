@@ -106,7 +106,7 @@ pub fn checked(id: &str) -> Result<&str, Usage> {
     match is_plausible(id) && !id.is_empty() {
         true => Ok(id),
         false => Err(Usage(format!(
-            "{id:?} is not an id; ids have letters, digits and _ only"
+            "{id:?} is not an id; ids have letters, digits and _ only, as kincal params and the other lists print them. A robot is named by --robot {id:?}"
         ))),
     }
 }
