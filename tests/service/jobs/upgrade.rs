@@ -8,6 +8,7 @@ use kincal::store::{
     StoreLocation, archive, jobs, named_documents, parameter_sets, report_summaries,
     robot_versions, robots, verifications,
 };
+use kincal::wire::page::ArchivedFilter;
 use kincal::wire::report_shape::Evidence;
 use kincal::wire::report_summary::ReportSummary;
 use kincal::wire::verification::Fit;
@@ -276,7 +277,10 @@ fn robots_and_results_of_d61237a_are_edited_and_archived_as_new_ones_are() {
             "{refused:?}"
         );
         tx.rollback().await.unwrap();
-        let all = ListRequest::all();
+        let all = ListRequest {
+            archived: ArchivedFilter::False,
+            ..ListRequest::all()
+        };
         let before = jobs::search(&store, &robot.id, &all).await.unwrap();
         let job = &before.items[0];
         assert_eq!((job.robot_version, job.archived_at_ms), (1, None));
