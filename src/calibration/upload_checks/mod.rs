@@ -10,6 +10,7 @@ use crate::calibration::validation::coverage;
 use crate::calibration::validation::enough_points::{Serves, serves};
 use crate::calibration::{CalibrationRequest, Error, check};
 use crate::kinematics::Robot;
+use crate::kinematics::rotation::within_half_a_turn;
 use crate::measurement::{Frame, MeasurementSet, Point, split};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -115,7 +116,8 @@ fn stale_positions(set: &MeasurementSet) -> Option<Warning> {
         let position = point.position_mm.map(f64::to_bits).into();
         let first = *seen.entry((point.target, position)).or_insert(row);
         let joints = point.q_rad.iter().zip(&set.points[first].q_rad);
-        let moved_rad = joints.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        let moved_rad = joints.map(|(a, b)| within_half_a_turn(a - b).abs());
+        let moved_rad = moved_rad.fold(0.0, f64::max);
         if moved_rad > MOVED_RAD {
             rows.push(row);
         }
