@@ -400,6 +400,12 @@ FAULTS = [
     Fault("a key is logged", "service", "no_key_and_no_body", [
         ("let key = value.to_str().ok().and_then", 'tracing::debug!(?value, "a key"); let key = value.to_str().ok().and_then')]),
     # What is uploaded and asked
+    Fault("the controller's own position is measured", "service", "positions_that_the_controller_computed", [
+        ("is_computed.then(|| Warning::new(POSITIONS_COMPUTED, detail))", "(false && is_computed).then(|| Warning::new(POSITIONS_COMPUTED, detail))")],
+        "src/calibration"),
+    Fault("a lost target is measured", "core", "rows_of_an_instrument_that_lost_its_target", [
+        ("(rows.len() > 1).then_some(Warning { code: \"position_repeated\"", "(false && rows.len() > 1).then_some(Warning { code: \"position_repeated\"")],
+        "src/calibration"),
     Fault("calibrate takes any file", "service", "calibrate_refuses", [
         ("match alignment::align(robot, &set) {", "match Alignment::Fits {")]),
     Fault("jitter makes equations", "core", "poses_repeated", [
