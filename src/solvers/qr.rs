@@ -9,7 +9,7 @@ const LANES: usize = 8;
 /// Σ a_i b_i, in eight interleaved partial sums.
 #[inline(always)]
 pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    dot_of_parts(a, b, &[0..a.len()])
+    dot_of_parts(a, b, std::slice::from_ref(&(0..a.len())))
 }
 
 /// As [`dot`], if a is zero outside of some parts, to the last bit. Parts begin at multiples of eight, and end there or with the vector.
