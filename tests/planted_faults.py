@@ -201,8 +201,6 @@ FAULTS = [
         "migrations/sqlite"),
     Fault("an outlier is in the delivered fit", "core", "rows_that_do_not_belong_and_segments", [
         ("for row in without_weight.chain(unfitted) {", "for row in without_weight.chain(unfitted).take(0) {")], "src/calibration"),
-    Fault("motions of set-ups without points", "core", "a_base_that_moved_after_the_last", [
-        (".find(|setup| n_of(*setup) >= MIN_OF_SETUP)", ".find(|_| true)")], "src/calibration"),
     Fault("outliers are searched once", "core", "gross_rows_swapped_labels_and_a_slip_cost_nothing", [
         ("const MAX_SEARCHES: usize = 4;", "const MAX_SEARCHES: usize = 1;")], "src/calibration"),
     Fault("a knocked tool is one target", "core", "reflectors_that_were_knocked_at_once", [

@@ -381,6 +381,30 @@ fn the_arm_keeps_out_of_boxes_and_the_reflector_faces_the_instrument() {
         nearest_in_front = nearest_in_front.min(angle);
     }
     assert!(nearest_in_front < 0.5);
+    // a beam that is thinner than the links: the arm meets it between its joints
+    let beam = Room {
+        keep_out_mm: vec![(
+            Vector3::new(-2000.0, 780.0, 600.0),
+            Vector3::new(2000.0, 800.0, 620.0),
+        )],
+        ..Room::default()
+    };
+    let meets_beam = |q: &[f64]| {
+        let (low, high) = &beam.keep_out_mm[0];
+        let corners = |n: usize| t_base_flange(&robot.links[..n], &q[..n]).translation.vector;
+        (2..6).any(|n| {
+            (0..=1000).any(|step| {
+                let p = corners(n).lerp(&corners(n + 1), f64::from(step) / 1000.0);
+                (0..3).all(|k| low[k] < p[k] && p[k] < high[k])
+            })
+        })
+    };
+    let random = poses(2000, &mut Normal::new(3));
+    let met: Vec<&Vec<f64>> = random.iter().filter(|q| meets_beam(q)).collect();
+    assert!(met.len() > 20, "{}", met.len());
+    for q in met {
+        assert!(!beam.holds(&robot, q, &Vector3::zeros()), "{q:?}");
+    }
     let without = PlanRequest {
         set_ups: vec![one_set_up(20, 0)],
         ..request
