@@ -151,7 +151,7 @@ async fn one_pose_that_was_read_thirty_times_is_told_to_be_too_few_and_asks_for_
     for frame in ["base", "instrument"] {
         let (robot, parameter_set) = identified(&app, frame, &mut random).await;
         let once = vec![rows("followup_unchanged.csv")[5]; 30];
-        let read = with_noise(&once, 0.02, &mut random);
+        let read = with_noise(&once, 0.1, &mut random);
         let read = match frame {
             "instrument" => seen_by_a_tracker(&read, &mut random),
             _ => read,
