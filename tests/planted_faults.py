@@ -376,7 +376,7 @@ FAULTS = [
     Fault("hyper's own answers forget TLS", "service", "answers_without_a_route_carry_hsts", [
         ("problem.headers_mut().extend(common.clone());", "")], "src/http"),
     Fault("remedies of HTTP in a terminal", "service", "remedies_in_a_terminal", [
-        ("let text = with_options(text);", "let text = text.to_owned();")], "src/cli"),
+        ('Some(command) => format!("{text} ({command})"),', "Some(_) => text,")], "src/cli"),
     Fault("an old data directory stays open", "faults", "of_an_older_version", [
         ("set_permissions(data_dir, Permissions::from_mode(PRIVATE_DIR))", "set_permissions(data_dir, Permissions::from_mode(mode & 0o7777))")], "src/store"),
     Fault("a description is parsed uncounted", "load", "a_urdf_of_too_much", [
