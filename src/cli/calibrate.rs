@@ -20,7 +20,7 @@ use crate::jobs::JobFailure;
 use crate::jobs::execution;
 use crate::kinematics::Robot;
 use crate::operations::rotation_convention::with_best_convention;
-use crate::release::{INSISTED, accept_misfit, accept_rotations, headline, provenance, refused_as};
+use crate::release::{accept_misfit, accept_rotations, headline, provenance, refused_as};
 use crate::report_page::words;
 use crate::report_page::{self, MeasuredSet, Sources};
 use crate::wire::export::ExportDocument;
@@ -270,8 +270,7 @@ pub fn refuse_unusable(report: &Report, job_id: Option<&str>) -> anyhow::Result<
         let (what, next) = (words::warning(code), plain(&check.next));
         anyhow::bail!("{what} ({code})\nnext: {next}");
     }
-    // a file that was refused is used by nothing, however well it fits in the end
-    let Some(code) = code.or(refused_as(report).map(|_| INSISTED)) else {
+    let Some(code) = code else {
         return Ok(());
     };
     let refused = refused_as(report).map(remedy_of_refusal);

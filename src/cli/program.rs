@@ -4,7 +4,7 @@ use super::failure::Refused;
 use super::files::{self, cannot_be_used};
 use super::usage::Usage;
 use crate::measurement::RotationConvention;
-use crate::operations::program::Program;
+use crate::operations::program::{Poses, Program};
 use crate::wire::columns::ColumnsBody;
 use crate::wire::issue::{Invalid, Issue};
 use std::path::Path;
@@ -22,11 +22,11 @@ pub fn parse(
 
 /// What the user has to know about how it was read.
 pub fn notes(program: &Program) -> Vec<String> {
-    let of_poses = match program.has_poses() {
-        [true, true, _] => ", and the position and quaternion of each target",
-        [true, _, true] => ", and the position and angles of each target",
-        [true, ..] => ", and the position of each target",
-        [false, ..] => "",
+    let of_poses = match program.poses() {
+        Poses::Quaternions => ", and the position and quaternion of each target",
+        Poses::Angles => ", and the position and angles of each target",
+        Poses::Positions => ", and the position of each target",
+        Poses::None => "",
     };
     let joints = program.joints.join(", ");
     let mut notes = vec![format!("corrected columns: {joints}{of_poses}")];

@@ -12,7 +12,7 @@ use super::subject::with_query;
 use super::table;
 use super::terminal::{self, Output, plain};
 use super::usage::Usage;
-use crate::release::unusable_because;
+use crate::release::headline;
 use crate::report_page::words;
 use crate::wire::instrument::InstrumentBody;
 use crate::wire::job::{After, JobRequestBody, Kind};
@@ -154,7 +154,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             _ => String::new(),
         };
         arguments.output.print(&report, || {
-            if unusable_because(&parsed).is_some() {
+            if headline(&parsed).is_some() {
                 return table::report(&parsed);
             }
             format!(

@@ -67,10 +67,11 @@ macro_rules! handlers {
             submission: Submission,
         ) -> Result<Response, Error> {
             let mut row = access::$row(&submission.app, &submission.caller, &id).await?;
-            $(if let Some(detail) = $reason(&row) {
-                return Err(Error::conflict("not_archivable", detail));
-            })?
+            // in the effect: a repeated request is answered as the first one was, whatever became of the item since
             let effect = async |tx: &mut Tx| {
+                $(if let Some(detail) = $reason(&row) {
+                    return Err(Error::conflict("not_archivable", detail));
+                })?
                 let item = (Archivable::$kind, id.as_str(), row.$robot_id.as_str());
                 let by = &submission.caller.holder;
                 row.archived_at_ms = apply(tx, Change::$change, item, by).await?;

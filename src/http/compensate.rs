@@ -5,7 +5,7 @@ use crate::http::extract::{Item, Query, json_body, whole_body};
 use crate::http::limits::ComputePermit;
 use crate::http::table_upload::stated_columns;
 use crate::http::{App, Error, access, named_frames, parameter_sets};
-use crate::operations::program::{Program, ProgramTarget};
+use crate::operations::program::{Poses, Program, ProgramTarget};
 use crate::operations::{self, Correctable};
 use crate::store::{ParameterSetRow, jobs};
 use crate::wire::compensate::{
@@ -146,7 +146,7 @@ pub async fn program(
         .frame
         .as_deref()
         .is_some_and(|frame| OWN_FRAMES.contains(&frame));
-    if program.has_poses() == [false; 3] && is_own {
+    if program.poses() == Poses::None && is_own {
         body.frame = None;
     }
     let stored = Stored::load(&app, &permit, (row, robot), &body).await?;

@@ -27,6 +27,19 @@ pub enum ProgramTarget {
     Cartesian(CartesianTarget),
 }
 
+/// What the Cartesian targets of a program have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Poses {
+    /// Its targets are joint values.
+    None,
+    /// Positions alone.
+    Positions,
+    /// Positions and quaternions.
+    Quaternions,
+    /// Positions and three angles.
+    Angles,
+}
+
 /// A target, and where its numbers are in the text.
 #[derive(Clone, Debug)]
 struct Place {
@@ -203,14 +216,14 @@ impl Program {
         places.map(|place| place.target.clone()).collect()
     }
 
-    /// Whether its targets have a position, a quaternion, and angles.
-    pub fn has_poses(&self) -> [bool; 3] {
-        let first = self.places.first();
-        [
-            first.is_some_and(|place| place.position.is_some()),
-            first.is_some_and(|place| place.quaternion.is_some()),
-            first.is_some_and(|place| place.angles.is_some()),
-        ]
+    /// What its Cartesian targets have.
+    pub fn poses(&self) -> Poses {
+        match self.places.first() {
+            Some(place) if place.quaternion.is_some() => Poses::Quaternions,
+            Some(place) if place.angles.is_some() => Poses::Angles,
+            Some(place) if place.position.is_some() => Poses::Positions,
+            _ => Poses::None,
+        }
     }
 
     /// The line of each target, counted from 1.

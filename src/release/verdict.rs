@@ -64,15 +64,16 @@ pub fn refused_as(report: &Report) -> Option<&'static str> {
     codes.find(|code| insisted.detail.contains(code))
 }
 
-/// As [`unusable_because`], for the headline. A refusal that the uploader overrode comes before the warnings that a wrong file causes.
+/// As [`unusable_because`], for the headline. A refusal that the uploader overrode comes before the warnings that a wrong file causes, and counts even
+/// where the points fit in the end: nothing rests on them.
 pub fn headline(report: &Report) -> Option<&'static str> {
-    let code = unusable_because(report)?;
-    let is_explained = [JOINT_MAP, NO_FIT].contains(&code);
-    match refused_as(report) {
+    let (code, refused) = (unusable_because(report), refused_as(report));
+    let is_explained = code.is_none_or(|code| [JOINT_MAP, NO_FIT].contains(&code));
+    match refused {
         // The refusal `poor_alignment` names no cause.
-        Some("poor_alignment") => Some(code),
-        Some(refused) if is_explained && refused != code => Some(INSISTED),
-        _ => Some(code),
+        Some("poor_alignment") if code.is_some() => code,
+        Some(refused) if is_explained && Some(refused) != code => Some(INSISTED),
+        _ => code,
     }
 }
 

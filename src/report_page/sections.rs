@@ -3,7 +3,7 @@
 use super::Sources;
 use super::sessions::evidence;
 use super::text::{error, number, signed, time, unit};
-use crate::release::{headline, unusable_because};
+use crate::release::headline;
 use crate::report_page::words;
 use crate::wire::measurement::{Frame, Warning};
 use crate::wire::parameter_set::ParameterSetAnswer;
@@ -35,7 +35,7 @@ pub fn verdict(sources: &Sources<'_>) -> Markup {
     } else {
         " points of the fit itself"
     };
-    if unusable_because(report).is_some() {
+    if headline(report).is_some() {
         return html! {
             (no_use(report))
             p.verdict { "On " (half.n_points) (points) ", the mean position error is " (error(before)) " mm before and " (error(after)) " mm after." }

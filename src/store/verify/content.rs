@@ -66,7 +66,7 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
         "I1",
         "every acknowledged upload, request and result reads back bit for bit",
     );
-    let mut found = 0;
+    let (readers, mut found) = (store.readers(), 0);
     let kept = [
         (SETS, AuditEvent::MeasurementSetCreated),
         (FRAMES, AuditEvent::FramesCreated),
@@ -86,14 +86,7 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
             });
             compare_with_entry(&mut check, chain, &id, field, &now);
         };
-        sql::each(
-            store.readers(),
-            query,
-            DOCUMENT_BATCH,
-            |row| &row.0,
-            examine,
-        )
-        .await?;
+        sql::each(readers, query, DOCUMENT_BATCH, |row| &row.0, examine).await?;
     }
     let documents = [
         (REPORTS, AuditEvent::JobSucceeded, "report_sha256"),
@@ -111,14 +104,7 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
             let now = sha256_hex(document.as_bytes());
             compare_with_entry(&mut check, chain, &id, field, &now);
         };
-        sql::each(
-            store.readers(),
-            query,
-            DOCUMENT_BATCH,
-            |row| &row.0,
-            examine,
-        )
-        .await?;
+        sql::each(readers, query, DOCUMENT_BATCH, |row| &row.0, examine).await?;
     }
     check.n_examined = found;
     compare_summaries(&mut check, store).await?;

@@ -683,4 +683,10 @@ async fn remedies_in_a_terminal_are_commands_and_options() {
     for form in ["POST ", "?frame=", "?insist=", " frame=instrument", "/v1/"] {
         assert!(!all.contains(form), "{form:?} in {all}");
     }
+    // no script takes what was insisted on for a calibration, however well it fits in the end
+    let insisted = [misplaced, "--insist", "frame_suspect"];
+    for command in [&["calibrate", &file][..], &submit] {
+        let (code, ..) = run_against(&app, &person.key, &[command, &insisted].concat()).await;
+        assert_eq!(code, Some(1), "{command:?}");
+    }
 }
