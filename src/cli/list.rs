@@ -5,9 +5,11 @@ use super::client::{Client, ServerArguments};
 use super::runtime::block_on;
 use super::subject::{item, with_query};
 use super::terminal::{self, Output, cells, items};
+use crate::wire::overview::Need;
 use crate::wire::page::{ArchivedFilter, Sort};
 use anyhow::Context;
-use serde_json::Value;
+use serde::Deserialize;
+use serde_json::{Value, json};
 use std::path::PathBuf;
 
 /// Maximum number of rows of a list; the newest come first.
@@ -235,16 +237,6 @@ pub struct NetworkArguments {
     weights: Option<PathBuf>,
 }
 
-/// Needs of a robot, the most urgent first.
-const NEEDS: [&str; 7] = [
-    "check_robot",
-    "drifted",
-    "job_failed",
-    "review",
-    "due",
-    "calibrate",
-    "nothing",
-];
 /// Columns of the list of needs.
 const NEED_COLUMNS: [&str; 4] = ["robot_id", "name", "need", "reason"];
 /// Maximum number of pages of the list of needs.
@@ -270,10 +262,12 @@ fn needs(arguments: &RobotArguments) -> anyhow::Result<()> {
         }
         anyhow::Ok(robots)
     })?;
-    robots.sort_by_key(|robot| NEEDS.iter().position(|need| robot["need"] == *need));
+    // needs are ordered by urgency
+    robots.sort_by_key(|robot| Need::deserialize(&robot["need"]).ok());
     let rows: Vec<_> = robots.iter().map(|r| cells(r, &NEED_COLUMNS)).collect();
     let output = &arguments.options.output;
-    output.table(&robots, &NEED_COLUMNS, &rows, ROBOTS.empty)
+    let answer = json!({"items": robots});
+    output.table(&answer, &NEED_COLUMNS, &rows, ROBOTS.empty)
 }
 
 /// `kincal robots`.

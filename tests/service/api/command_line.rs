@@ -24,6 +24,21 @@ async fn from_the_upload_to_the_release_and_back_in_a_terminal() {
     let robot = person.post("/v1/robots", &robot).await.ok(201);
     let key = person.key.as_str();
 
+    let needs = |table: &str| -> Vec<String> {
+        let lines = table.lines().skip(1);
+        let need = |line: &str| {
+            line.split("  ")
+                .map(str::trim)
+                .filter(|cell| !cell.is_empty())
+                .nth(2)
+                .unwrap()
+                .to_owned()
+        };
+        lines.map(need).collect()
+    };
+    let (_, table, _) = run_against(&app, key, &["robots", "--needs"]).await;
+    assert_eq!(needs(&table), ["calibrate"], "{table}");
+
     let (code, stdout, _) = run_against(&app, key, &["params", "--robot", "ER20-0117"]).await;
     assert_eq!(code, Some(0));
     assert!(
@@ -683,6 +698,14 @@ async fn remedies_in_a_terminal_are_commands_and_options() {
     for form in ["POST ", "?frame=", "?insist=", " frame=instrument", "/v1/"] {
         assert!(!all.contains(form), "{form:?} in {all}");
     }
+    // the robot that a session did not fit comes before one that was never calibrated, which is newer
+    let mut other: Value = serde_json::from_slice(&paper("robot.json")).unwrap();
+    other["name"] = json!("Another cell");
+    person.post("/v1/robots", &other).await.ok(201);
+    let (_, listed, _) = run_against(&app, &person.key, &["robots", "--needs", "--json"]).await;
+    let listed: Value = serde_json::from_str(&listed).unwrap();
+    let needs = [0, 1].map(|i| listed["items"][i]["need"].clone());
+    assert_eq!(needs, ["check_robot", "calibrate"], "{listed}");
     // no script takes what was insisted on for a calibration, however well it fits in the end
     let insisted = [misplaced, "--insist", "frame_suspect"];
     for command in [&["calibrate", &file][..], &submit] {
