@@ -65,7 +65,7 @@ impl RotationConvention {
     }
 
     /// The angles of a rotation, rad, as [`Self::rotation`] takes them: of all angles with that rotation those nearest to `near_rad`. At a gimbal lock,
-    /// the first angle stays as it is.
+    /// the first angle stays as it is. (`euler_angles_ordered` of nalgebra answers one of two solutions, wherever the angles were, and zero at a lock.)
     pub fn angles_rad(self, rotation: &Rotation3<f64>, near_rad: &Vector3<f64>) -> Vector3<f64> {
         let Self::Sequence { axes, is_extrinsic } = self else {
             return nearest_rotation_vector(rotation_vector(rotation), near_rad);
