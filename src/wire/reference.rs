@@ -12,6 +12,8 @@ pub const MAX_LENGTHS: usize = 100;
 pub const MAX_INSTRUMENT: usize = 500;
 /// A measured length differs from its certificate by at most this share. More is a mistake of the unit or of the pair.
 const MAX_RELATIVE_ERROR: f64 = 0.01;
+/// Smallest length, mm: a gauge block. Shorter ones say nothing of a scale.
+const MIN_LENGTH_MM: f64 = 0.5;
 /// Largest length, mm.
 const MAX_LENGTH_MM: f64 = 100_000.0;
 /// Smallest standard uncertainty of a length, mm.
@@ -51,7 +53,7 @@ pub struct ReferenceLengthBody {
     #[schema(min_length = 1, max_length = 200)]
     pub name: String,
     /// Length of the certificate, mm.
-    #[schema(exclusive_minimum = 0, maximum = 100000)]
+    #[schema(minimum = 0.5, maximum = 100000)]
     pub nominal_mm: f64,
     /// Measured length, mm. It differs from `nominal_mm` by at most 1 %.
     #[schema(exclusive_minimum = 0, maximum = 101000)]
@@ -95,12 +97,9 @@ impl ReferenceBody {
         for (i, item) in self.items.iter().enumerate().take(MAX_LENGTHS) {
             let at = format!("/items/{i}");
             checker.text(&format!("{at}/name"), &item.name, MAX_NAME);
-            checker.above_zero(
-                format!("{at}/nominal_mm"),
-                item.nominal_mm,
-                MAX_LENGTH_MM,
-                "a length, mm",
-            );
+            let nominal = format!("{at}/nominal_mm");
+            let lengths = MIN_LENGTH_MM..=MAX_LENGTH_MM;
+            checker.within(nominal, item.nominal_mm, lengths, "a length, mm");
             let is_off = (item.measured_mm / item.nominal_mm - 1.0).abs() > MAX_RELATIVE_ERROR;
             if item.nominal_mm > 0.0 && is_off {
                 let detail = format!(
