@@ -60,6 +60,11 @@ async fn a_reference_states_the_scale_of_the_instrument_and_counts_in_the_budget
             &json!("/items/1/measured_mm")
         )
     );
+    // so short that the scale would be no number
+    let short = json!({"items": [{"name": "0", "nominal_mm": 5e-324, "measured_mm": 5e-324, "std_mm": 1e-6}]});
+    let refused = app.post_json(&path, &short).await;
+    let refused = refused.problem(422, "invalid_reference");
+    assert_eq!(refused["errors"][0]["pointer"], "/items/0/nominal_mm");
     let plain = report_with(&app, &robot, "").await;
     assert!(plain["reference"].is_null());
     let report = report_with(&app, &robot, "&reference=bar").await;
