@@ -1,4 +1,4 @@
-//! Measured robots, links alone, compared with scipy's `least_squares` (24 link parameters, base and targets) on the same splits. The tables are in
+//! Measured robots, links alone, compared with scipy's `least_squares` (24 link parameters, base and targets) on the same splits. The figures are in
 //! `docs/identification.md`, scipy's numbers in `docs/oracles`.
 
 use crate::data::{real_data, robot};
