@@ -10,7 +10,7 @@ which one runs. First the tests run without a fault and have to pass. Then each 
 that no test catches fails this script. The few faults that cannot be switched, such as those in a macro, take a build each. KINCAL_PLANT_DIR keeps
 the copy and its target directory for the next run; a copy of target/ there saves building the dependencies.
 
-A fault is a text to find and a text to put in its place. It is looked for in all of src/ (or in the folder that the fault names), and has to be
+A fault is a text to find and a text to put in its place. It is looked for in the sources of both packages (or in the folder that the fault names), and has to be
 found exactly once. Spaces, line breaks and trailing commas do not count, so it survives rustfmt and moves between files.
 """
 
@@ -37,51 +37,51 @@ class Fault:
     filter: str
     # (find, replace), all of them planted together
     edits: list
-    folder: str = "src"
+    folder: str = ""
 
 
 FAULTS = [
     # Noise that differs from direction to direction
     Fault("noise by direction counts by its root mean square", "core", "gains_what_weighted_least_squares_of_scipy_gains", [
         ("request.preset == Preset::Default && is_least_squares && set.has_uneven_noise()", "false && is_least_squares && set.has_uneven_noise()")],
-        "src/calibration"),
+        "core/src/calibration"),
     Fault("a stated noise is all there is", "core", "a_noise_that_is_stated_far_too_small_costs_nothing", [
         (".map(|noise| noise.whitening(beside_mm) * to_measuring.rotation.matrix());", ".map(|noise| noise.whitening(0.0 * beside_mm) * to_measuring.rotation.matrix());")],
-        "src/calibration"),
+        "core/src/calibration"),
     Fault("a beam does not turn with its station", "core", "the_noise_of_every_station_is_that_of_its_own_beam", [
         ("o.whitening = uneven.map(|w| w * motion.rotation.matrix().transpose());", "o.whitening = uneven.map(|w| w * 1.0);"),
-        ("whitening.map(|w| w * motion_of(row).rotation.matrix().transpose());", "whitening.map(|w| w * 1.0);")], "src/calibration"),
+        ("whitening.map(|w| w * motion_of(row).rotation.matrix().transpose());", "whitening.map(|w| w * 1.0);")], "core/src/calibration"),
     Fault("a stored set forgets its instrument", "service", "stated_beside_a_file_or_in_a_body_and_shown_and_used", [
         ("reading.instrument = Some(stated.instrument);", "reading.instrument = Some(stated.instrument).filter(|_| false);")], "src/wire"),
     Fault("a tracker stands at the robot's base", "service", "bad_noise_is_refused_with_its_place_and_a_hint", [
         ("if frame == Frame::Base {\n            let named", "if false && frame == Frame::Base {\n            let named")], "src/wire"),
     # Tables
     Fault("a number with two readings is taken", "core", "one_number_with_two_readings", [
-        ("if is_grouped && thousands.parse()", "if false && is_grouped && thousands.parse()")], "src/measurement"),
+        ("if is_grouped && thousands.parse()", "if false && is_grouped && thousands.parse()")], "core/src/measurement"),
     Fault("another table's target is a reflector", "core", "a_column_with_another_value_in_each_row", [
         ("if !is_only_label(means) && (is_own || is_exact(means)) => {", "if true || !is_only_label(means) && (is_own || is_exact(means)) => {")],
-        "src/measurement"),
+        "core/src/measurement"),
     Fault("a quote swallows rows", "core", "a_quote_that_closes_nothing", [
-        ("true if parts.iter().all(|n| *n < PARTS_OF_A_ROW) => {", "true if true || parts.iter().all(|n| *n < PARTS_OF_A_ROW) => {")], "src/measurement"),
+        ("true if parts.iter().all(|n| *n < PARTS_OF_A_ROW) => {", "true if true || parts.iter().all(|n| *n < PARTS_OF_A_ROW) => {")], "core/src/measurement"),
     Fault("a mean without a name is a measurement", "core", "rows_of_statistics_are_no", [
-        ("(is_told && n_spread >= 3 && n_of_position >= 2)", "(is_told && n_spread >= 300 && n_of_position >= 2)")], "src/measurement"),
+        ("(is_told && n_spread >= 3 && n_of_position >= 2)", "(is_told && n_spread >= 300 && n_of_position >= 2)")], "core/src/measurement"),
     Fault("a target that was mounted anew is shared", "core", "a_target_of_one_name_that_was_mounted_anew", [
-        ("shared_targets_agree(request, &estimates, alarm)?;", "shared_targets_agree(request, &estimates, 0.0 * alarm)?;")], "src/calibration"),
+        ("shared_targets_agree(request, &estimates, alarm)?;", "shared_targets_agree(request, &estimates, 0.0 * alarm)?;")], "core/src/calibration"),
     Fault("a base that moved is shared", "core", "sessions_in_the_base_frame_are_refused_if_the_base_moved", [
-        ("bases_agree(request, &estimates, alarm)?;", "")], "src/calibration"),
+        ("bases_agree(request, &estimates, alarm)?;", "")], "core/src/calibration"),
     Fault("a base points into the floor", "core", "the_base_of_a_description_is_upright", [
-        ("axes[0].direction.z < ROUNDING - 1.0", "axes[0].direction.z < ROUNDING - 2.0")], "src/exchange"),
+        ("axes[0].direction.z < ROUNDING - 1.0", "axes[0].direction.z < ROUNDING - 2.0")], "core/src/exchange"),
     Fault("clocks with two differences are taken", "core", "what_cannot_be_joined_says", [
-        ("if !ties.are_contradictory {", "if true || !ties.are_contradictory {")], "src/measurement"),
+        ("if !ties.are_contradictory {", "if true || !ties.are_contradictory {")], "core/src/measurement"),
     # Rotations, noise and scale
     Fault("rotations may turn the base, too", "service", "rotations_that_do_not_belong_to_the_positions", [
-        ("(found.rms_mm <= COMES_NEAR * reach_mm && is_known)", "(found.rms_mm < 0.0 * COMES_NEAR * reach_mm && is_known)")], "src/calibration"),
+        ("(found.rms_mm <= COMES_NEAR * reach_mm && is_known)", "(found.rms_mm < 0.0 * COMES_NEAR * reach_mm && is_known)")], "core/src/calibration"),
     Fault("a turned pose is like the others", "service", "turned_poses_are_named", [
-        ("(*angle_rad > limit_rad).then_some(TurnedPose {", "(*angle_rad > 4.0 + limit_rad).then_some(TurnedPose {")], "src/calibration"),
+        ("(*angle_rad > limit_rad).then_some(TurnedPose {", "(*angle_rad > 4.0 + limit_rad).then_some(TurnedPose {")], "core/src/calibration"),
     Fault("any rotation fits", "service", "a_set_whose_rotations_do_not_fit", [
-        ("let by_rotation = || missed(&|point| Some(point.rotation_rad?[1]), no_fit_rad);", "let by_rotation = || missed(&|point| Some(0.0 * point.rotation_rad?[1]), no_fit_rad);")], "src/calibration"),
+        ("let by_rotation = || missed(&|point| Some(point.rotation_rad?[1]), no_fit_rad);", "let by_rotation = || missed(&|point| Some(0.0 * point.rotation_rad?[1]), no_fit_rad);")], "core/src/calibration"),
     Fault("any stated noise is right", "core", "a_stated_noise_far_above", [
-        ("let is_overstated = self.ratio * MIN_TIMES_SCATTER * MIN_TIMES_SCATTER < redundant as f64;", "let is_overstated = self.ratio * MIN_TIMES_SCATTER * MIN_TIMES_SCATTER < 0.0 * redundant as f64;")], "src/calibration"),
+        ("let is_overstated = self.ratio * MIN_TIMES_SCATTER * MIN_TIMES_SCATTER < redundant as f64;", "let is_overstated = self.ratio * MIN_TIMES_SCATTER * MIN_TIMES_SCATTER < 0.0 * redundant as f64;")], "core/src/calibration"),
     Fault("an instrument that is off is released", "service", "a_reference_states_the_scale", [
         ("let passes = reference.at_reach_std_mm <= MAX_SCALE * found_mm;", "let passes = reference.at_reach_std_mm >= 0.0 * found_mm;")], "src/release"),
     Fault("a work frame of any station", "service", "a_work_frame_is_measured_from_the_station", [
@@ -89,7 +89,7 @@ FAULTS = [
     Fault("withdrawn sets are exported", "service", "a_withdrawn_set_does_not_return_with_other_options", [
         ("if row.status == ParameterSetStatus::Withdrawn {\n        let reason = row.withdraw_reason.as_deref().unwrap_or_default();\n        let detail = format!(\n            \"the parameter set was withdrawn ({reason}), and", "if row.status == ParameterSetStatus::Withdrawn && false {\n        let reason = row.withdraw_reason.as_deref().unwrap_or_default();\n        let detail = format!(\n            \"the parameter set was withdrawn ({reason}), and")], "src/http"),
     Fault("a plan runs into the fixture", "core", "the_arm_keeps_out_of_boxes", [
-        ("!self.keep_out_mm.iter().any(|b| meets(&from, p, b))", "!self.keep_out_mm.iter().any(|b| meets(p, p, b))")], "src/planning"),
+        ("!self.keep_out_mm.iter().any(|b| meets(&from, p, b))", "!self.keep_out_mm.iter().any(|b| meets(p, p, b))")], "core/src/planning"),
     # What a partial recalibration holds
     Fault("the upload of a held set is another session", "service", "the_upload_of_a_held_set_is_no_other_session", [
         ("points_of(input.sets.iter().chain(&input.sources), request)?", "points_of(&input.sets, request)?")], "src/jobs"),
@@ -100,38 +100,38 @@ FAULTS = [
     # Sessions that show less than they seem to
     Fault("an instrument's frame shows the base", "service", "says_nothing_of_the_base_of_a_set_from_the_base_frame", [
         ("} else if request.scored_frame == Some(Frame::Base) {", "} else if false {"),
-        ("identified_in == Frame::Base && session_in == Frame::Instrument", "false && identified_in != session_in")], "src"),
+        ("identified_in == Frame::Base && session_in == Frame::Instrument", "false && identified_in != session_in")]),
     Fault("a verify set hides the base", "service", "says_nothing_of_the_base_of_a_set_from_the_base_frame", [
         ("(request.set.frame == Frame::Base && layout.is_placed_anew).then(|| Warning {", "(request.set.frame == Frame::Base && false).then(|| Warning {")],
-        "src/calibration"),
+        "core/src/calibration"),
     Fault("a constant on joint 1 is a new session", "core", "a_constant_on_the_first_or_the_last_joint", [
-        ("(!is_none).then_some(offset)", "(!is_none).then_some(offset).filter(|_| false)")], "src/calibration"),
+        ("(!is_none).then_some(offset)", "(!is_none).then_some(offset).filter(|_| false)")], "core/src/calibration"),
     Fault("nobody is told to measure other poses", "service", "told_to_be_other_poses_next_time", [
         ("session.verification.evidence == Evidence::SameUpload;", "session.verification.evidence == Evidence::SameUpload && false;")], "src/release"),
     Fault("close poses can serve to verify", "service", "what_an_upload_says_of_a_small_set", [
         ("nominal.as_ref().map(|model| (model, &points[..])),\n    ) {", "nominal.as_ref().map(|model| (model, &points[..])),\n    ).filter(|_| false) {")],
-        "src/calibration"),
+        "core/src/calibration"),
     Fault("one pose lies too close together", "service", "one_pose_that_was_read_thirty_times", [
-        ("flange_spread_mm(&model.links, observations) > SAME_POSE * reach_mm {", "flange_spread_mm(&model.links, observations) >= 0.0 {")], "src/calibration"),
+        ("flange_spread_mm(&model.links, observations) > SAME_POSE * reach_mm {", "flange_spread_mm(&model.links, observations) >= 0.0 {")], "core/src/calibration"),
     Fault("an insisted file is advised a joint map", "service", "the_advice_is_that_of_its_refusal", [
-        (".map(|told| advised(told, request.refused_as.as_deref()));", ".map(|told| advised(told, None));")], "src/calibration"),
+        (".map(|told| advised(told, request.refused_as.as_deref()));", ".map(|told| advised(told, None));")], "core/src/calibration"),
     Fault("what fits nothing has not changed", "core", "of_points_that_fit_no_robot", [
-        ("if request.previous.is_some() && !is_no_fit {", "if request.previous.is_some() && (!is_no_fit || true) {")], "src/calibration"),
+        ("if request.previous.is_some() && !is_no_fit {", "if request.previous.is_some() && (!is_no_fit || true) {")], "core/src/calibration"),
     Fault("nine times worse is as good", "service", "a_session_several_times_worse", [
-        ("(times >= REPORTED_ERROR_RATIO).then_some(times)", "(times >= 10.0 * REPORTED_ERROR_RATIO).then_some(times)")], "src/calibration"),
+        ("(times >= REPORTED_ERROR_RATIO).then_some(times)", "(times >= 10.0 * REPORTED_ERROR_RATIO).then_some(times)")], "core/src/calibration"),
     Fault("a work frame of another set-up is used", "core", "a_work_frame_from_another_set_up_is_refused", [
         ("if is_measuring && !is_own && from.provenance", "if false && !is_own && from.provenance")], "src/operations"),
     Fault("a drawing in inches is kept", "service", "a_work_frame_whose_points_do_not_fit_is_refused", [
         ('body.fitting_work_frame("/points")?;', "body.work_frame()?;")], "src/http"),
     Fault("the wrist may flip", "core", "the_posture_is_the_nearest_one", [
-        ("if nearest.status == Status::Ok", "if false && nearest.status == Status::Ok")], "src/compensation"),
+        ("if nearest.status == Status::Ok", "if false && nearest.status == Status::Ok")], "core/src/compensation"),
     Fault("poses of a measured work frame are in the base frame", "core", "cartesian_targets_in_a_measured_work_frame", [
         ("t_base_answer: t_base_work,", "t_base_answer: if is_measuring { identity } else { t_base_work },")], "src/operations"),
     Fault("the work frame is exact", "core", "a_frame_from_points_is_as_uncertain", [
-        ("noise_std_mm: shown_mm.max(std_mm),", "noise_std_mm: 0.5 * shown_mm.max(std_mm),")], "src/compensation"),
+        ("noise_std_mm: shown_mm.max(std_mm),", "noise_std_mm: 0.5 * shown_mm.max(std_mm),")], "core/src/compensation"),
     Fault("the base is not in the tool's error", "core", "the_uncertainty_of_a_tool_is_that_of_predictions", [
         ("let anchor = anchor_in(base, &model, &nominal.links, has_tool);",
-         "let _ = base; let anchor = anchor_in(Base::Robot, &model, &nominal.links, has_tool);")], "src/compensation"),
+         "let _ = base; let anchor = anchor_in(Base::Robot, &model, &nominal.links, has_tool);")], "core/src/compensation"),
     Fault("no final fit, no question", "service", "a_narrow_cloud_is_refused_without_a_final_fit", [
         ("let is_open = facts.report.tool_uncertainty_absent_because.is_some();", "let is_open = false;")], "src/release"),
     Fault("one of two visits of a pose is a session", "core", "a_copy_of_one_of_several_visits", [
@@ -147,19 +147,19 @@ FAULTS = [
     Fault("a rollback across a collision", "service", "a_rollback_to_a_set_from_before_a_collision", [
         ("let only_warns = facts.is_rollback && !session.has_changed;", "let only_warns = facts.is_rollback;")], "src/release"),
     Fault("no wrist turns two joints together", "core", "a_last_joint_that_turns_with_the_one_before", [
-        ("for reading in COUPLED {", "for reading in COUPLED.into_iter().take(0) {")], "src/calibration"),
+        ("for reading in COUPLED {", "for reading in COUPLED.into_iter().take(0) {")], "core/src/calibration"),
     # Several sessions as one job
     Fault("two robots are fitted together", "core", "two_robots_of_one_model_are_never_fitted_together", [
-        ("if tested.probability < alarm {", "if false && tested.probability < alarm {")], "src/calibration"),
+        ("if tested.probability < alarm {", "if false && tested.probability < alarm {")], "core/src/calibration"),
     Fault("only the first session is compared", "core", "a_joint_that_moved_between_the_sessions_is_named", [
         ("pooled(&estimates, alarm).map_err", "pooled(&estimates[..2], alarm).map_err")],
-        "src/calibration"),
+        "core/src/calibration"),
     Fault("corrections are judged within sessions", "core", "corrections_are_judged_on_sessions_that_were_not_fitted", [
-        ("point.session = Some(name.clone());", "point.session = None;")], "src/measurement"),
+        ("point.session = Some(name.clone());", "point.session = None;")], "core/src/measurement"),
     Fault("a posture is fitted in one session and scored in another", "core", "a_posture_of_both_sessions_never_stands_on_both_sides", [
-        ("with_shared_configurations(MeasurementSet { frame,", "std::convert::identity(MeasurementSet { frame,")], "src/measurement"),
+        ("with_shared_configurations(MeasurementSet { frame,", "std::convert::identity(MeasurementSet { frame,")], "core/src/measurement"),
     Fault("all sessions are as noisy", "core", "a_coarse_session_does_not_spoil_a_fine_one", [
-        ("session_noise_mm: pool.noise_mm.clone(),", "session_noise_mm: vec![],")], "src/calibration"),
+        ("session_noise_mm: pool.noise_mm.clone(),", "session_noise_mm: vec![],")], "core/src/calibration"),
     Fault("a session that was fitted is an independent one", "service", "no_session_that_was_fitted_counts_as_an_independent_one", [
         ("points_of(input.sets.iter().chain(&input.sources), request)?", "points_of(input.sets.iter().take(1).chain(&input.sources), request)?")], "src/jobs"),
     Fault("a further session is no later session", "service", "an_earlier_set_has_to_be_scored_on_each_session", [
@@ -171,7 +171,7 @@ FAULTS = [
     Fault("a withdrawn set comes back by its upload", "service", "the_same_upload_identified_again", [
         ("has_same_values(&own, &other_values)", "false"), ("(is_of_same_points && is_same_tool())", "(false && is_same_tool())")], "src/jobs"),
     Fault("a reflector that was mounted again hides the noise", "core", "with_its_reflector_mounted_again", [
-        ("pair.difference_mm -= Vector3::new(explained[0]", "pair.difference_mm -= 0.0 * Vector3::new(explained[0]")], "src/calibration"),
+        ("pair.difference_mm -= Vector3::new(explained[0]", "pair.difference_mm -= 0.0 * Vector3::new(explained[0]")], "core/src/calibration"),
     Fault("a withdrawn set comes back with another loss", "service", "with_other_options", [
         ("(is_of_same_points && is_same_tool())", "(false && is_same_tool())")], "src/jobs"),
     Fault("a withdrawn set comes back by the sessions that it passed", "service", "with_other_options", [
@@ -179,11 +179,11 @@ FAULTS = [
     Fault("old sessions verify what is uploaded late", "service", "an_old_file_that_is_uploaded_late", [
         ("newer.filter(|since| ages.own > *since).max().unwrap_or(0)", "newer.filter(|_| false).max().unwrap_or(0)")], "src/release"),
     Fault("a reference is not in the budget", "service", "states_the_scale_of_the_instrument", [
-        ("mean_mm: libm::hypot(tool.mean_mm, self.std_mm), max_mm: libm::hypot(tool.max_mm, self.std_mm)", "mean_mm: tool.mean_mm, max_mm: tool.max_mm")], "src/calibration"),
+        ("mean_mm: libm::hypot(tool.mean_mm, self.std_mm), max_mm: libm::hypot(tool.max_mm, self.std_mm)", "mean_mm: tool.mean_mm, max_mm: tool.max_mm")], "core/src/calibration"),
     Fault("an instrument that is off is right", "service", "states_the_scale_of_the_instrument", [
-        ("self.error.abs() > COVERAGE * self.std", "self.error.abs() > 100.0 * COVERAGE * self.std")], "src/calibration"),
+        ("self.error.abs() > COVERAGE * self.std", "self.error.abs() > 100.0 * COVERAGE * self.std")], "core/src/calibration"),
     Fault("a withdrawn set comes back with another seed", "service", "with_another_seed", [
-        ("(a - b).abs() <= TOLERANCE", "a == b"), ("(is_of_same_points && is_same_tool())", "(false && is_same_tool())")], "src"),
+        ("(a - b).abs() <= TOLERANCE", "a == b"), ("(is_of_same_points && is_same_tool())", "(false && is_same_tool())")]),
     Fault("a set is compared on its own points", "service", "on_points_that_neither_was_fitted_to", [
         ("if session.is_independent() && is_new", "if session.verification.evidence != crate::wire::report_shape::Evidence::None && is_new")], "src/release"),
     Fault("a set is compared on the active set's points", "service", "points_that_the_active_set_was_fitted_to", [
@@ -191,7 +191,7 @@ FAULTS = [
         "src/jobs"),
     Fault("what shows little condemns", "service", "a_session_that_shows_little_condemns_no_set", [
         ("find(|session| session.is_evidence && !session.verification.is_better)", "find(|session| !session.verification.is_better)"),
-        ("told.code != NO_BETTER || shows_little.is_none()", "true")], "src"),
+        ("told.code != NO_BETTER || shows_little.is_none()", "true")]),
     # The store
     Fault("no UNIQUE on the job's parameter set", "service", "a_job_has_at_most_one", [
         ("""create table parameter_set (
@@ -200,19 +200,19 @@ FAULTS = [
                 id text not null primary key, robot_id text not null references robot (id), job_id text not null references job (id)""")],
         "migrations/sqlite"),
     Fault("an outlier is in the delivered fit", "core", "rows_that_do_not_belong_and_segments", [
-        ("for row in without_weight.chain(unfitted) {", "for row in without_weight.chain(unfitted).take(0) {")], "src/calibration"),
+        ("for row in without_weight.chain(unfitted) {", "for row in without_weight.chain(unfitted).take(0) {")], "core/src/calibration"),
     Fault("outliers are searched once", "core", "gross_rows_swapped_labels_and_a_slip_cost_nothing", [
-        ("const MAX_SEARCHES: usize = 4;", "const MAX_SEARCHES: usize = 1;")], "src/calibration"),
+        ("const MAX_SEARCHES: usize = 4;", "const MAX_SEARCHES: usize = 1;")], "core/src/calibration"),
     Fault("a knocked tool is one target", "core", "reflectors_that_were_knocked_at_once", [
-        ("2 => self.changes_of_targets::<6>(places, tried),", "2 => {}")], "src/identification"),
+        ("2 => self.changes_of_targets::<6>(places, tried),", "2 => {}")], "core/src/identification"),
     Fault("a wrong base frame is believed", "core", "a_base_frame_that_was_set_up_wrongly", [
         ("(variable.width, variable.prior) = (width, Prior::OfKind(kind));",
-         "let _ = kind; (variable.width, variable.prior) = (width, Prior::Stated { mean: 0.0, std: 1.0 });")], "src/identification"),
+         "let _ = kind; (variable.width, variable.prior) = (width, Prior::Stated { mean: 0.0, std: 1.0 });")], "core/src/identification"),
     Fault("the last joint's zero is known", "core", "the_zero_of_the_last_joint_counts", [
-        ("libm::hypot(self.by_positions_rad, self.last_joint_zero_rad)", "self.by_positions_rad")], "src/calibration"),
+        ("libm::hypot(self.by_positions_rad, self.last_joint_zero_rad)", "self.by_positions_rad")], "core/src/calibration"),
     Fault("what was held has not changed", "core", "a_partial_recalibration_of_the_wrong_joint", [
         ("match (others_changed, of_held, report.uncertainty.clone()) {", "match (others_changed.filter(|_| false), of_held, report.uncertainty.clone()) {")],
-        "src/calibration"),
+        "core/src/calibration"),
     Fault("the active set has seen the points", "service", "calibrates_and_fetches_what_was_released", [
         ("own.any(|upload| repeats(", "own.any(|upload| false && repeats(")], "src/jobs"),
     Fault("the delivered fit is far from the verified", "service", "each_dangerous_upload_carries", [
@@ -226,9 +226,9 @@ FAULTS = [
     Fault("old points say that a set holds", "service", "a_check_says_whether_the_released_set_holds", [
         ("is_measured_anew: another && !since.is_repeat,", "is_measured_anew: true,")], "src/jobs"),
     Fault("labels are configurations", "core", "fewer_than_five_configurations_are_refused", [
-        ("let other = *number_at.entry(first).or_insert(number);", "let other = *number_at.entry(row).or_insert(number);")], "src/measurement"),
+        ("let other = *number_at.entry(first).or_insert(number);", "let other = *number_at.entry(row).or_insert(number);")], "core/src/measurement"),
     Fault("a zero that is not seen holds", "core", "a_zero_that_these_poses_alone_do_not_show", [
-        ("found.change.is_none() && limit_mm", "false && found.change.is_none() && limit_mm")], "src/calibration"),
+        ("found.change.is_none() && limit_mm", "false && found.change.is_none() && limit_mm")], "core/src/calibration"),
     Fault("the newest document by the clock", "service", "mappings_of_columns_keep_their_order", [
         ("and kind = $2 and name = $3 order by version desc limit 1", "and kind = $2 and name = $3 order by id desc limit 1")], "src/store"),
     Fault("a rollback by the clock", "service", "follows_what_a_release_superseded", [
@@ -330,11 +330,11 @@ FAULTS = [
     Fault("a check that finds a change lets releases through", "service", "a_check_says_whether", [
         ("else if has_warning(report, CHECK_CHANGED) { // The check found a change.", "else if false { // The check found a change.")], "src/release"),
     Fault("a check counts what the placement takes up", "core", "what_the_placement_takes_up", [
-        ("m - &taken * taken.tr_mul(m)", "m - &taken * taken.tr_mul(m) * 0.0")], "src/identification"),
+        ("m - &taken * taken.tr_mul(m)", "m - &taken * taken.tr_mul(m) * 0.0")], "core/src/identification"),
     Fault("the delivered fit may hold an impossible reflector", "core", "a_reflector_farther_away_than_the_arm", [
-        ("fit = fit.or_else(|| impossible_reflector(delivered_model, &request.robot.links));", "")], "src/calibration"),
+        ("fit = fit.or_else(|| impossible_reflector(delivered_model, &request.robot.links));", "")], "core/src/calibration"),
     Fault("a check takes the points of a pose as independent", "core", "points_of_one_configuration", [
-        ("if configuration == other {", "if false && configuration == other {")], "src/identification"),
+        ("if configuration == other {", "if false && configuration == other {")], "core/src/identification"),
     Fault("a gate that fails open", "service", "no_better_than_nominal", [
         ("session.is_evidence && !session.verification.is_better", "session.is_evidence && session.seq == -1")]),
     Fault("a placement that hides a joint is evidence", "core", "whose_last_joint_hardly_moves", [
@@ -357,9 +357,9 @@ FAULTS = [
         ("!text.is_empty() && !text.chars().any(is_readable)", "text.trim().is_empty() && !text.is_empty()")], "src/wire"),
     Fault("what does not fit is evidence", "service", "session_that_does_not_fit", [
         ("const MAX_ERROR_RATIO: f64 = 10.0", "const MAX_ERROR_RATIO: f64 = 1e9"),
-        ("set_mm.min(typical(0)) > farthest_mm", "set_mm.min(typical(0)) > 1e9 * farthest_mm")], "src/calibration/validation/session_fit.rs"),
+        ("set_mm.min(typical(0)) > farthest_mm", "set_mm.min(typical(0)) > 1e9 * farthest_mm")], "core/src/calibration/validation/session_fit.rs"),
     Fault("a robot that has changed is evidence", "service", "a_base_that_is_off_in_the_base_frame", [
-        ("const MAX_ERROR_RATIO: f64 = 10.0", "const MAX_ERROR_RATIO: f64 = 1e9")], "src/calibration/validation/session_fit.rs"),
+        ("const MAX_ERROR_RATIO: f64 = 10.0", "const MAX_ERROR_RATIO: f64 = 1e9")], "core/src/calibration/validation/session_fit.rs"),
     Fault("the same points count as a session", "service", "the_same_points_uploaded_again", [
         ("rows.len() as f64 > MAX_REPEATED", "0.0 > MAX_REPEATED")]),
     Fault("no look at the active set", "service", "worse_than_the_active_one", [
@@ -400,10 +400,10 @@ FAULTS = [
     # What is uploaded and asked
     Fault("the controller's own position is measured", "service", "positions_that_the_controller_computed", [
         ("is_computed.then(|| Warning::new(POSITIONS_COMPUTED, detail))", "(false && is_computed).then(|| Warning::new(POSITIONS_COMPUTED, detail))")],
-        "src/calibration"),
+        "core/src/calibration"),
     Fault("a lost target is measured", "core", "rows_of_an_instrument_that_lost_its_target", [
         ("(rows.len() > 1).then_some(Warning { code: \"position_repeated\"", "(false && rows.len() > 1).then_some(Warning { code: \"position_repeated\"")],
-        "src/calibration"),
+        "core/src/calibration"),
     Fault("calibrate takes any file", "service", "calibrate_refuses", [
         ("match alignment::align(robot, &set) {", "match Alignment::Fits {")]),
     Fault("jitter makes equations", "core", "poses_repeated", [
@@ -413,50 +413,50 @@ FAULTS = [
     Fault("no finite check", "service", "every_bad_file", [
         ("if !value.is_finite() { let detail = format!(\"{cell:?} is not a finite", "if value.is_nan() && false { let detail = format!(\"{cell:?} is not a finite")]),
     Fault("a short row may lack any cell", "core", "a_short_row_whose_remark_is_a_number", [
-        ("if n_cells < ends.n_named {", "if n_cells < ends.n_read {")], "src/measurement"),
+        ("if n_cells < ends.n_named {", "if n_cells < ends.n_read {")], "core/src/measurement"),
     Fault("rows that a filter hides are measurements", "core", "hidden_rows_of_a_workbook", [
         ("refuse_marked_rows(&sheet)?;", "")], "src/wire"),
     Fault("a table counts twice", "core", "a_table_that_stands_twice", [
-        ("found = repeats::repeats(points);", "")], "src/measurement"),
+        ("found = repeats::repeats(points);", "")], "core/src/measurement"),
     Fault("thousands are columns", "core", "numbers_that_are_split", [
-        ("found.extend(self.split.take());", "")], "src/measurement"),
+        ("found.extend(self.split.take());", "")], "core/src/measurement"),
     Fault("pulses are degrees", "core", "pulses_of_motors", [
-        ("found = not_measured::pulses(points);", "")], "src/measurement"),
+        ("found = not_measured::pulses(points);", "")], "core/src/measurement"),
     Fault("means of each pose are measurements", "core", "statistics_of_each_pose_are_no_measurements", [
-        ("(n_hits > 1 && is_rare && evidence <= FALSE_ALARM)", "(n_hits > 1 && is_rare && evidence < f64::MIN)")], "src/measurement"),
+        ("(n_hits > 1 && is_rare && evidence <= FALSE_ALARM)", "(n_hits > 1 && is_rare && evidence < f64::MIN)")], "core/src/measurement"),
     Fault("rows that were put aside are measurements", "core", "rows_that_somebody_put_aside", [
-        ("self.issues.extend(self.flags.refused(table));", "")], "src/measurement"),
+        ("self.issues.extend(self.flags.refused(table));", "")], "core/src/measurement"),
     Fault("positions under Nominal are measured", "core", "columns_under_a_group_that_was_not_measured", [
-        ("let known = without_groups_not_measured(self.table, known);", "")], "src/measurement"),
+        ("let known = without_groups_not_measured(self.table, known);", "")], "core/src/measurement"),
     Fault("shared targets count twice", "core", "what_cannot_be_fitted_together", [
         ("let n_targets = request.set.n_targets(); if n_targets > MAX_TARGETS", "let n_targets: usize = sessions.iter().map(MeasurementSet::n_targets).sum(); if n_targets > MAX_TARGETS")],
-        "src/calibration"),
+        "core/src/calibration"),
     Fault("joints are counted as the file says", "service", "a_controllers_joint_convention", [
         ("all.extend(self.convention(self.frame));", "")]),
     Fault("no alignment check", "service", "wrong_as_a_whole", [
         ("pub const FITS: f64 = 0.01", "pub const FITS: f64 = 1e9")]),
     # The core
     Fault("a robot of Universal Robots points backwards", "service", "a_universal_robot_from_its", [
-        ("rpy_rad: [0.0, 0.0, if self == Self::Base { 0.0 } else { PI }]", "rpy_rad: [0.0, 0.0, 0.0 * PI]")], "src/exchange"),
+        ("rpy_rad: [0.0, 0.0, if self == Self::Base { 0.0 } else { PI }]", "rpy_rad: [0.0, 0.0, 0.0 * PI]")], "core/src/exchange"),
     Fault("compensate forgets where the base is", "service", "a_wrong_mastering_of_the_first_joint", [
         ("Some(Base::Measured) | None => Ok(Base::Measured)",
          "Some(Base::Measured) => Ok(Base::Measured), None => Ok(Base::Robot)")], "src/operations"),
     Fault("a flange turned as nobody knows", "service", "poses_are_refused_if_the_flange", [
-        ("MAX_FLANGE_ROTATION_STD_RAD: f64 = 0.5 *", "MAX_FLANGE_ROTATION_STD_RAD: f64 = 500.0 *")], "src/calibration"),
+        ("MAX_FLANGE_ROTATION_STD_RAD: f64 = 0.5 *", "MAX_FLANGE_ROTATION_STD_RAD: f64 = 500.0 *")], "core/src/calibration"),
     Fault("an orientation that nobody knows is released", "service", "poses_are_refused_if_the_flange", [
         ("if links_std_deg > most_deg {", "if links_std_deg > 1e9 {")], "src/release"),
     Fault("a joint that counts the other way is no misfit", "service", "an_identified_robot_that_is_wrong", [
-        ("delta_rad.abs() > UNMASTERED_RAD &&", "delta_rad.abs() > 100.0 &&")], "src/calibration"),
+        ("delta_rad.abs() > UNMASTERED_RAD &&", "delta_rad.abs() > 100.0 &&")], "core/src/calibration"),
     Fault("a robot that does not fit corrects targets", "service", "an_identified_robot_that_is_wrong", [
         ("= wrong_robot(provenance)", "= wrong_robot(provenance).filter(|_| false)")], "src/operations"),
     Fault("a misfit is compared with", "service", "a_job_whose_points_do_not_fit", [
         ("UNUSABLE_FIT: Fit = Fit::SetFarOff", "UNUSABLE_FIT: Fit = Fit::DoesNotFit")], "src/release"),
     Fault("five points cannot serve as they are told", "service", "a_small_set_can_serve", [
-        ("let n_placed = n_placed_where(refit, set);", "let n_placed = n_placed_where(refit && false, set);")], "src/calibration"),
+        ("let n_placed = n_placed_where(refit, set);", "let n_placed = n_placed_where(refit && false, set);")], "core/src/calibration"),
     Fault("corrections without a veto", "core", "have_a_veto", [
         ("if (corrected_mm <= links_mm && corrected_rad <= links_rad) || errors_mm.is_empty()", "if corrected_mm <= links_mm + 1e9 || errors_mm.is_empty()")]),
     Fault("joints that follow others are not looked for", "core", "a_joint_that_follows_another_one", [
-        ("const CHANCE_OF_FOLLOWING: f64 = 1e-6;", "const CHANCE_OF_FOLLOWING: f64 = 0.0;")], "src/identification"),
+        ("const CHANCE_OF_FOLLOWING: f64 = 1e-6;", "const CHANCE_OF_FOLLOWING: f64 = 0.0;")], "core/src/identification"),
     Fault("uncertainty of what did not converge", "core", "did_not_converge", [
         ("const AT_MINIMUM_STDS: f64 = 1.0", "const AT_MINIMUM_STDS: f64 = 1e12")]),
     Fault("a lower bound without what is not linear", "core", "never_above_the_cost", [
@@ -479,7 +479,7 @@ class Tree:
     def __init__(self, root):
         self.root = Path(root)
         self.files = {}
-        for folder, suffix in (("src", ".rs"), ("migrations", ".sql")):
+        for folder, suffix in (("core/src", ".rs"), ("src", ".rs"), ("migrations", ".sql")):
             for path in sorted((self.root / folder).rglob("*" + suffix)):
                 text = path.read_text(encoding="utf-8")
                 self.files[path.relative_to(self.root).as_posix()] = (text, *squeezed(text))
@@ -489,14 +489,14 @@ class Tree:
         needle, _ = squeezed(find)
         found = []
         for name, (_, text, kept) in self.files.items():
-            if name == folder or name.startswith(folder + "/"):
+            if name == folder or name.startswith(folder and folder + "/"):
                 found += [(name, kept[m.start()], kept[m.start() + len(needle) - 1] + 1) for m in re.finditer(re.escape(needle), text)]
         return found
 
     def troubles(self, fault):
         """Why the fault cannot be planted."""
         counted = [(find, len(self.places(find, fault.folder))) for find, _ in fault.edits]
-        return [f"{fault.name}: found {n} times in {fault.folder}, not once: {find.strip()}" for find, n in counted if n != 1]
+        return [f"{fault.name}: found {n} times in {fault.folder or 'the sources'}, not once: {find.strip()}" for find, n in counted if n != 1]
 
     def edits(self, fault):
         """(file, begin, end, replacement) of each edit."""
@@ -540,7 +540,7 @@ class Runner:
             elif not target.is_file() or source.read_bytes() != target.read_bytes():
                 target.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy(source, target)
-        for folder in ("src", "tests", "migrations"):
+        for folder in ("core", "src", "tests", "migrations"):
             for path in (self.copy / folder).rglob("*"):
                 if path.is_file() and path.relative_to(self.copy).as_posix() not in known:
                     path.unlink()
@@ -584,21 +584,24 @@ class Runner:
 
 # Which body of a function runs, in the library of the copy.
 SWITCH = "KINCAL_PLANTED"
-SWITCHED = f"""
+PLANTED = f"""
 /// Whether this fault is planted.
 pub fn planted(name: &str) -> bool {{
     static NAME: std::sync::LazyLock<String> = std::sync::LazyLock::new(|| std::env::var("{SWITCH}").unwrap_or_default());
     NAME.as_str() == name
 }}
+"""
+SWITCHED = """
+pub use kincal_core::planted;
 /// A migration with the faults that are planted in it.
-pub fn planted_sql(sql: &'static str) -> &'static str {{
+pub fn planted_sql(sql: &'static str) -> &'static str {
     let faults: &[(&str, &str, &str)] = &[
         %s
     ];
     let planted = faults.iter().filter(|(name, ..)| planted(name));
     let text = planted.fold(sql.to_owned(), |text, (_, find, replace)| text.replace(find, replace));
     Box::leak(text.into_boxed_str())
-}}
+}
 """
 
 
@@ -716,6 +719,8 @@ class Switch:
             result = re.sub(r"^mod (\w+);", r"pub mod \1;", "".join(pieces) + text[at:], flags=re.MULTILINE)
             if name == "src/store/migration.rs":
                 result = result.replace("sql.into_sql_str()", "crate::planted_sql(sql).into_sql_str()")
+            if name == "core/src/lib.rs":
+                result += PLANTED
             if name == "src/lib.rs":
                 rust = ", ".join(f"({json.dumps(fault)}, {json.dumps(find, ensure_ascii=False)}, {json.dumps(replace, ensure_ascii=False)})" for fault, find, replace in self.sql)
                 result += SWITCHED % rust
@@ -724,7 +729,7 @@ class Switch:
         return changed
 
     def module(self, name):
-        return "crate::" + name.removeprefix("src/").removesuffix(".rs").removesuffix("/mod").replace("/", "::")
+        return "crate::" + name.removeprefix("core/").removeprefix("src/").removesuffix(".rs").removesuffix("/mod").replace("/", "::")
 
     def with_constants(self, name, body, switches):
         for constant, used in switches.get(name, {}).items():

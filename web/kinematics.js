@@ -1,4 +1,4 @@
-// Forward kinematics of the nominal and of the identified robot, as src/kinematics/forward.rs has it. Poses are arrays of 12 numbers: three
+// Forward kinematics of the nominal and of the identified robot, as core/src/kinematics/forward.rs has it. Poses are arrays of 12 numbers: three
 // rows of rotation and translation. Lengths in mm.
 
 const RAD = Math.PI / 180;

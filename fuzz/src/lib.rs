@@ -1,28 +1,15 @@
 //! The parsers of kincal and what they stand on, from the package's own sources, without the server.
 #![allow(dead_code, unused_imports)] // what only the server uses
 
-#[path = "../../src/calibration/mod.rs"]
-pub mod calibration;
-#[path = "../../src/compensation/mod.rs"]
-pub mod compensation;
-#[path = "../../src/exchange/mod.rs"]
-pub mod exchange;
-#[path = "../../src/frames/mod.rs"]
-pub mod frames;
-#[path = "../../src/identification/mod.rs"]
-pub mod identification;
-#[path = "../../src/kinematics/mod.rs"]
-pub mod kinematics;
-#[path = "../../src/measurement/mod.rs"]
-pub mod measurement;
+pub use kincal_core::{
+    calibration, compensation, exchange, frames, identification, kinematics, measurement, planning,
+    solvers,
+};
+
 #[path = "../../src/operations/mod.rs"]
 pub mod operations;
-#[path = "../../src/planning/mod.rs"]
-pub mod planning;
 #[path = "../../src/release/mod.rs"]
 pub mod release;
-#[path = "../../src/solvers/mod.rs"]
-pub mod solvers;
 #[path = "../../src/wire/mod.rs"]
 pub mod wire;
 

@@ -1,6 +1,6 @@
 //! Import circles among the files of a folder: a file uses only files below it.
 
-use crate::source::{Token, production_tokens, starts_with, used_paths};
+use crate::source::{Token, production_tokens, starts_with, used_paths, within_sources};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Absolute path of a module or an item, without `crate`.
@@ -55,7 +55,7 @@ fn reachable<'a>(file: &'a str, imports: &BTreeMap<&str, BTreeSet<&'a str>>) -> 
 }
 
 fn folder(path: &str) -> &str {
-    path.trim_start_matches("src/")
+    within_sources(path)
         .split(['/', '.'])
         .next()
         .unwrap_or_default()
@@ -63,7 +63,7 @@ fn folder(path: &str) -> &str {
 
 /// `src/http/error.rs` is `http::error`, `src/http/mod.rs` is `http`.
 fn module_path(path: &str) -> ModulePath {
-    let inside = path.trim_start_matches("src/").trim_end_matches(".rs");
+    let inside = within_sources(path).trim_end_matches(".rs");
     inside
         .split('/')
         .filter(|name| !["mod", "lib", "main"].contains(name))

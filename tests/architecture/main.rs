@@ -10,52 +10,77 @@ use rules::{CORE, MAY_USE, Rule, Violation, check, check_manifest, dependencies}
 use std::fs;
 use std::path::{Path, PathBuf};
 
-const MANIFEST: &str = include_str!("../../Cargo.toml");
+/// The manifests of both packages.
+const MANIFESTS: [&str; 2] = [
+    include_str!("../../Cargo.toml"),
+    include_str!("../../core/Cargo.toml"),
+];
 
 /// Files that may break a rule, with the reason. A test fails when an exception is no longer needed.
 const KNOWN_EXCEPTIONS: &[(&str, Rule, &str)] = &[
-    ("src/calibration/method.rs", Rule::CoreSerialize, CHOICES),
-    ("src/calibration/method.rs", Rule::CoreCrate, CHOICES),
     (
-        "src/calibration/quick_check.rs",
+        "core/src/calibration/method.rs",
+        Rule::CoreSerialize,
+        CHOICES,
+    ),
+    ("core/src/calibration/method.rs", Rule::CoreCrate, CHOICES),
+    (
+        "core/src/calibration/quick_check.rs",
         Rule::CoreSerialize,
         REPORT,
     ),
-    ("src/calibration/report.rs", Rule::CoreSerialize, REPORT),
     (
-        "src/calibration/validation/fit.rs",
+        "core/src/calibration/report.rs",
+        Rule::CoreSerialize,
+        REPORT,
+    ),
+    (
+        "core/src/calibration/validation/fit.rs",
         Rule::CoreSerialize,
         CHOICES,
     ),
     (
-        "src/identification/corrections/folds.rs",
+        "core/src/identification/corrections/folds.rs",
         Rule::CoreSerialize,
         REPORT,
     ),
-    ("src/compensation/mode.rs", Rule::CoreSerialize, CHOICES),
-    ("src/compensation/mode.rs", Rule::CoreCrate, CHOICES),
     (
-        "src/identification/model/choices.rs",
+        "core/src/compensation/mode.rs",
+        Rule::CoreSerialize,
+        CHOICES,
+    ),
+    ("core/src/compensation/mode.rs", Rule::CoreCrate, CHOICES),
+    (
+        "core/src/identification/model/choices.rs",
         Rule::CoreSerialize,
         CHOICES,
     ),
     (
-        "src/identification/model/choices.rs",
+        "core/src/identification/model/choices.rs",
         Rule::CoreCrate,
         CHOICES,
     ),
     (
-        "src/measurement/conventions.rs",
+        "core/src/measurement/conventions.rs",
         Rule::CoreSerialize,
         CHOICES,
     ),
-    ("src/measurement/conventions.rs", Rule::CoreCrate, CHOICES),
+    (
+        "core/src/measurement/conventions.rs",
+        Rule::CoreCrate,
+        CHOICES,
+    ),
 ];
 const CHOICES: &str = "enums of the contract exist once; they derive what JSON, openapi.yaml and the command line need";
 const REPORT: &str = "parts of the report exist once: they are what the calibration found, and the contract as openapi.yaml pins it";
 
+/// The crates that the two packages use.
+fn all_dependencies() -> Vec<String> {
+    MANIFESTS.into_iter().flat_map(dependencies).collect()
+}
+
 fn checked(path: &str, text: &str) -> Vec<Violation> {
-    check(path, text, &dependencies(MANIFEST))
+    check(path, text, &all_dependencies())
 }
 
 fn rules_broken(path: &str, text: &str) -> Vec<Rule> {
@@ -67,7 +92,7 @@ fn rules_broken(path: &str, text: &str) -> Vec<Rule> {
 
 fn source_files() -> Vec<(String, String)> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let mut folders = vec![root.join("src")];
+    let mut folders = vec![root.join("src"), root.join("core/src")];
     let mut files: Vec<PathBuf> = Vec::new();
     while let Some(folder) = folders.pop() {
         for entry in fs::read_dir(&folder).expect("src is readable") {
@@ -166,7 +191,9 @@ fn every_known_exception_is_still_needed() {
 
 #[test]
 fn the_manifest_keeps_the_core_deterministic() {
-    assert_eq!(check_manifest(MANIFEST), Vec::<String>::new());
+    for manifest in MANIFESTS {
+        assert_eq!(check_manifest(manifest), Vec::<String>::new());
+    }
 }
 
 #[test]
@@ -193,7 +220,7 @@ fn the_checker_sees_all_of_the_core_and_all_dependencies() {
         assert!(
             files
                 .iter()
-                .any(|(path, _)| path.starts_with(&format!("src/{module}"))),
+                .any(|(path, _)| path.starts_with(&format!("core/src/{module}"))),
             "no file of {module}"
         );
     }
@@ -207,7 +234,7 @@ fn the_checker_sees_all_of_the_core_and_all_dependencies() {
         "serde",
     ] {
         assert!(
-            dependencies(MANIFEST).iter().any(|known| known == name),
+            all_dependencies().iter().any(|known| known == name),
             "{name} is not found in Cargo.toml"
         );
     }
@@ -242,7 +269,7 @@ fn the_core_may_not_use_the_service_however_it_is_written() {
         "impl From<crate::store::Error> for Error {}",
     ] {
         assert_eq!(
-            rules_broken("src/measurement/csv.rs", line).first(),
+            rules_broken("core/src/measurement/csv.rs", line).first(),
             Some(&Rule::Dependency),
             "{line}"
         );
@@ -261,18 +288,18 @@ fn the_core_may_use_what_stands_before_it() {
         "use std::collections::BTreeMap; use std::ops::ControlFlow;",
         "use nalgebra::{Matrix3, Vector3}; fn f(v: &Vector3<f64>) -> f64 { v.norm().sqrt().mul_add(libm::sin(1.0), v.x.abs()) }",
     ] {
-        assert_eq!(checked("src/measurement/csv.rs", line), [], "{line}");
+        assert_eq!(checked("core/src/measurement/csv.rs", line), [], "{line}");
     }
 }
 
 #[test]
 fn kinematics_and_solvers_know_nothing_of_each_other() {
     assert_eq!(
-        rules_broken("src/solvers/pso.rs", "use crate::kinematics::Robot;"),
+        rules_broken("core/src/solvers/pso.rs", "use crate::kinematics::Robot;"),
         [Rule::Dependency]
     );
     assert_eq!(
-        rules_broken("src/kinematics/batch.rs", "use crate::solvers::pso;"),
+        rules_broken("core/src/kinematics/batch.rs", "use crate::solvers::pso;"),
         [Rule::Dependency]
     );
 }
@@ -332,7 +359,7 @@ fn the_whole_library_may_not_be_imported() {
         "use super::super as everything;",
     ] {
         assert_eq!(
-            rules_broken("src/frames/circle_fit.rs", line),
+            rules_broken("core/src/frames/circle_fit.rs", line),
             [Rule::Dependency],
             "{line}"
         );
@@ -361,13 +388,13 @@ fn the_core_may_not_use_async_server_or_logging_crates() {
         "use sha2::Sha256;",
     ] {
         assert_eq!(
-            rules_broken("src/calibration/mod.rs", line).first(),
+            rules_broken("core/src/calibration/mod.rs", line).first(),
             Some(&Rule::CoreCrate),
             "{line}"
         );
     }
     assert_eq!(
-        rules_broken("src/calibration/mod.rs", "use sqlx::AnyPool;"),
+        rules_broken("core/src/calibration/mod.rs", "use sqlx::AnyPool;"),
         [Rule::CoreCrate]
     );
 }
@@ -383,7 +410,7 @@ fn the_core_may_not_reach_clock_files_environment_or_threads() {
         "use std::io::Read;",
     ] {
         assert_eq!(
-            rules_broken("src/solvers/pso.rs", line),
+            rules_broken("core/src/solvers/pso.rs", line),
             [Rule::CoreStd],
             "{line}"
         );
@@ -398,7 +425,7 @@ fn the_core_may_not_print() {
         "fn f() { dbg!(1); }",
     ] {
         assert_eq!(
-            rules_broken("src/identification/model/objective.rs", line),
+            rules_broken("core/src/identification/model/objective.rs", line),
             [Rule::CorePrints],
             "{line}"
         );
@@ -416,7 +443,7 @@ fn the_core_may_not_use_unseeded_randomness_or_random_order() {
         "fn f() { ChaCha8Rng::from_os_rng(); }",
     ] {
         assert_eq!(
-            rules_broken("src/solvers/bpnn.rs", line),
+            rules_broken("core/src/solvers/bpnn.rs", line),
             [Rule::Unseeded],
             "{line}"
         );
@@ -438,7 +465,7 @@ fn the_core_may_not_use_float_functions_that_differ_between_platforms() {
         "fn f(x: f64, y: f64) -> f64 { f64::hypot(x, y) }",
     ] {
         assert_eq!(
-            rules_broken("src/kinematics/forward.rs", line),
+            rules_broken("core/src/kinematics/forward.rs", line),
             [Rule::PlatformFloat],
             "{line}"
         );
@@ -447,7 +474,11 @@ fn the_core_may_not_use_float_functions_that_differ_between_platforms() {
         "fn f(x: f64) -> f64 { libm::sin(x) + libm::atan2(x, 1.0) }",
         "struct S { sin: f64 } fn f(s: S) -> f64 { s.sin }",
     ] {
-        assert_eq!(checked("src/kinematics/forward.rs", line), [], "{line}");
+        assert_eq!(
+            checked("core/src/kinematics/forward.rs", line),
+            [],
+            "{line}"
+        );
     }
     assert_eq!(
         checked("src/wire/robot.rs", "fn f(x: f64) -> f64 { x.sin() }"),
@@ -466,7 +497,7 @@ fn core_types_are_not_serialised_outside_of_the_named_files() {
         "#[derive(utoipa::ToSchema)]\nstruct S;",
     ] {
         assert!(
-            rules_broken("src/calibration/problem.rs", line).contains(&Rule::CoreSerialize),
+            rules_broken("core/src/calibration/problem.rs", line).contains(&Rule::CoreSerialize),
             "{line}"
         );
     }
@@ -492,10 +523,13 @@ fn sql_stays_in_store() {
 #[test]
 fn a_source_file_above_the_limit_is_caught() {
     assert_eq!(
-        rules_broken("src/kinematics/model.rs", &"\n".repeat(651)),
+        rules_broken("core/src/kinematics/model.rs", &"\n".repeat(651)),
         [Rule::TooLong]
     );
-    assert_eq!(checked("src/kinematics/model.rs", &"\n".repeat(650)), []);
+    assert_eq!(
+        checked("core/src/kinematics/model.rs", &"\n".repeat(650)),
+        []
+    );
 }
 
 #[test]
@@ -519,7 +553,7 @@ fn comments_strings_and_test_modules_do_not_count() {
         #[cfg(test)]
         fn only_here(x: [u8; 3]) -> f64 { 1.0_f64.exp() }
     "##;
-    assert_eq!(checked("src/kinematics/forward.rs", innocent), []);
+    assert_eq!(checked("core/src/kinematics/forward.rs", innocent), []);
 }
 
 #[test]
@@ -534,7 +568,7 @@ fn code_beside_comments_strings_and_test_modules_does_count() {
         "fn f<'a>() {} use crate::store::Store; fn g<'a>() {}",
     ] {
         assert_eq!(
-            rules_broken("src/kinematics/forward.rs", guilty),
+            rules_broken("core/src/kinematics/forward.rs", guilty),
             [Rule::Dependency],
             "{guilty}"
         );
@@ -544,7 +578,7 @@ fn code_beside_comments_strings_and_test_modules_does_count() {
 #[test]
 fn a_violation_names_its_file_and_line() {
     let found = checked(
-        "src/solvers/pso.rs",
+        "core/src/solvers/pso.rs",
         "\n// x\nuse std::{\n    fmt,\n    fs,\n};\n",
     );
     assert_eq!(
@@ -552,7 +586,7 @@ fn a_violation_names_its_file_and_line() {
             .iter()
             .map(|v| (v.path.as_str(), v.line))
             .collect::<Vec<_>>(),
-        [("src/solvers/pso.rs", 5)]
+        [("core/src/solvers/pso.rs", 5)]
     );
 }
 
@@ -578,7 +612,7 @@ const NO_WARNINGS: [&str; 7] = [
 #[test]
 fn every_warning_and_every_gate_has_plain_words() {
     let places = [
-        "src/calibration/",
+        "core/src/calibration/",
         "src/wire/",
         "src/operations/",
         "src/release/",

@@ -1,6 +1,6 @@
 //! The rules, as one function of (path, text), so that they also run on planted violations.
 
-use crate::source::{Token, UsedPath, production_tokens, starts_with, used_paths};
+use crate::source::{Token, UsedPath, production_tokens, starts_with, used_paths, within_sources};
 use std::fmt;
 
 /// The modules of the numeric core, in the order of their dependencies, and others after them.
@@ -162,7 +162,7 @@ impl fmt::Display for Violation {
     }
 }
 
-/// Checks one source file. `path` is relative to the package (`src/http/error.rs`), `dependencies` are the
+/// Checks one source file. `path` is relative to the repository (`src/http/error.rs`), `dependencies` are the
 /// crates of Cargo.toml as Rust spells them.
 pub fn check(path: &str, text: &str, dependencies: &[String]) -> Vec<Violation> {
     let module = module_path(path);
@@ -204,10 +204,7 @@ pub fn check(path: &str, text: &str, dependencies: &[String]) -> Vec<Violation> 
 
 /// `src/http/error.rs` is `http::error`, `src/http/mod.rs` is `http`, `src/lib.rs` is the root.
 fn module_path(path: &str) -> Vec<String> {
-    let inside = path
-        .strip_prefix("src/")
-        .unwrap_or(path)
-        .trim_end_matches(".rs");
+    let inside = within_sources(path).trim_end_matches(".rs");
     let mut names: Vec<String> = inside.split('/').map(String::from).collect();
     if names.last().is_some_and(|last| last == "mod") || names == ["lib"] {
         names.pop();
@@ -263,17 +260,17 @@ enum Target {
     Module(String),
 }
 
-/// The top-level module that a path ends in, following `crate`, `kincal`, `self` and `super`.
+/// The top-level module that a path ends in, following `crate`, the two packages, `self` and `super`.
 fn target_module(module: &[String], used: &UsedPath) -> Target {
     let mut at: Vec<String> = match used.segments[0].as_str() {
-        "crate" | "kincal" => Vec::new(),
+        "crate" | "kincal" | "kincal_core" => Vec::new(),
         "self" | "super" => module.iter().chain(&used.inline_modules).cloned().collect(),
         _ => return Target::Elsewhere,
     };
     for (index, segment) in used.segments.iter().enumerate() {
         match segment.as_str() {
             "super" => drop(at.pop()),
-            "crate" | "kincal" if index == 0 => {}
+            "crate" | "kincal" | "kincal_core" if index == 0 => {}
             "self" => {}
             name => at.push(name.into()),
         }

@@ -1,6 +1,11 @@
 //! Reads Rust text as far as the architecture rules need it: tokens without comments, literals and test code,
 //! and the paths that they spell. It is a scanner, not a compiler: macros are not expanded.
 
+/// The path of a source file below `src` of its package: `core/src/frames/mod.rs` is `frames/mod.rs`.
+pub fn within_sources(path: &str) -> &str {
+    path.trim_start_matches("core/").trim_start_matches("src/")
+}
+
 /// An identifier, `::`, or one character of punctuation.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Token {
