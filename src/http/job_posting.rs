@@ -120,7 +120,7 @@ fn choose_residual(
     Ok(None)
 }
 
-/// Whether the job's points were measured anew after every session that a network was trained on.
+/// Whether the job's points are independent of every session that a network was trained on.
 fn is_independent(
     request: &CalibrationRequest,
     source: &ResidualSource,
