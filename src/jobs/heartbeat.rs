@@ -201,7 +201,7 @@ impl Renewal {
     }
 }
 
-/// Resolves when the shutdown has shutdown_reached this stage.
+/// Resolves when the shutdown has reached this stage.
 pub(super) async fn shutdown_reached(
     drain: &mut watch::Receiver<ShutdownStage>,
     stage: ShutdownStage,
