@@ -2,7 +2,7 @@
 
 use crate::wire::verification::Verification;
 
-/// What somebody does who knows why a robot is in order.
+/// Advice to a person who knows why a robot is in order.
 pub const CHECKED: &str = "mark the robot as checked, with the reason why it is in order";
 
 /// Errors of the nominal robot and of the set, in words.
