@@ -95,7 +95,7 @@ fn joint_map(facts: &StoredFacts<'_>) -> Option<Gate> {
         .then(|| Gate::new("joint_map_changed", false, detail))
 }
 
-/// Does not apply to a rollback's robot: a rollback is possible on an archived robot too, because the cell needs a known set.
+/// Refuses an archived set, and a set of an archived robot. For a rollback the robot may be archived, because the cell needs a known set.
 fn archived(facts: &Facts<'_>) -> Option<Gate> {
     let detail = match facts.archived? {
         ArchivedItem::ParameterSet => "the set is archived: restore it first",

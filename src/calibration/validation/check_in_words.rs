@@ -3,7 +3,7 @@
 use crate::calibration::method::{After, CheckVerdict};
 use crate::calibration::quick_check::{DetectableChange, FEW_CAUSES, LikeliestCause};
 
-/// Four equations per identified number, with three equations per pose. Numbers of poses are multiples of five, and at least ten.
+/// Equations required per identified parameter. A pose gives three equations. Numbers of poses are multiples of five, and at least ten.
 const EQUATIONS_PER_NUMBER: usize = 4;
 const STEP: usize = 5;
 const MIN_POSES: usize = 10;
@@ -15,7 +15,7 @@ const TARGET: usize = 3;
 /// Number of parameters of a link.
 const LINK: usize = 5;
 
-/// Doubt if nothing else stands against the set.
+/// The doubt that is stated if nothing else speaks against the set.
 pub const ZERO_HIDDEN: &str = "the zero of a joint may have changed that these poses do not show";
 
 /// What a check found.
@@ -26,7 +26,7 @@ pub struct Found<'a> {
     pub after: Option<After>,
     /// Why there is no test, if there is none.
     pub tested: Result<(), &'a str>,
-    /// Probability that an unchanged robot gives as large errors, if there is a test.
+    /// Probability that an unchanged robot has errors as large as these, if there is a test.
     pub probability: Option<f64>,
     /// Why points that fit the set do not prove that it holds.
     pub doubt: Option<&'static str>,
@@ -38,15 +38,15 @@ pub struct Found<'a> {
     pub verified_rms_mm: Option<f64>,
     /// Likely causes, the likeliest first.
     pub likeliest: &'a [LikeliestCause],
-    /// Changes that matter and that the poses might have missed.
+    /// Relevant changes that the poses might not detect.
     pub blind: &'a [&'a DetectableChange],
-    /// Joints whose zeros these poses do not show.
+    /// Joints whose zeros do not show in these poses.
     pub hidden: &'a [&'a DetectableChange],
-    /// Largest tool error that the poses may have missed, relative to the error that matters; 1 or more if they are blind.
+    /// Largest tool error that the poses may miss, relative to the error that matters. If it is 1 or more, the poses cannot decide.
     pub times_blind: f64,
     /// Configurations that were measured.
     pub n_configurations: usize,
-    /// The configuration that has most of the statistic, if one stands out.
+    /// The configuration that contributes most to the statistic, if one stands out.
     pub largest_configuration: Option<&'a str>,
     /// Number of links.
     pub n_links: usize,
@@ -219,7 +219,7 @@ fn cannot_tell(found: &Found<'_>) -> String {
             full(found)
         );
     }
-    // the detectable change falls with the square root of the number of poses
+    // The detectable change decreases with the square root of the number of poses.
     let times = found.times_blind.max(1.0);
     let n = (found.n_configurations as f64 * times * times).ceil() as usize;
     let n = n.max(found.n_configurations + 1).div_ceil(STEP) * STEP;

@@ -1,4 +1,4 @@
-//! Errors over a session, in words: play of joints, errors that the points of a visit share, drift.
+//! Text about errors over a session: backlash of joints, errors that the points of a visit share, drift.
 
 use crate::calibration::preparation::all_fit::SessionErrors;
 use crate::calibration::report::Warning;

@@ -126,7 +126,7 @@ impl Convention {
                 }
             })
             .collect();
-        // adding 0 turns -0 into 0, which is displayed
+        // Adding 0 converts -0 to 0; -0 would be displayed.
         let coupling = DMatrix::from_fn(n, n, |i, j| rates[(i, j)] * sign[j] + 0.0);
         JointMap {
             sign,
