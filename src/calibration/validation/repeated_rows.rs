@@ -46,7 +46,7 @@ const MIN_ROWS: usize = 10;
 /// most this multiple of it. The selection limits the time, because the robot is fitted to each. If one of them is repeated, all others are
 /// tested as well.
 const MAX_DIFFERENCE_RATIO: f64 = 1.2;
-/// Differences of rounded numbers are always within the selection, as a share of the reach: 0.01 mm of 2 m.
+/// Added to this limit, so that differences from rounding do not exceed it; as a share of the reach: 0.01 mm of 2 m.
 const ROUNDED_PER_REACH: f64 = 5e-6;
 /// Maximum number of earlier uploads that are tested for position noise. If the upload is a copy, the others count as repeated.
 const MAX_TESTED: usize = 50;
