@@ -93,7 +93,7 @@ mod tests {
     #[test]
     fn a_tall_matrix_gets_orthonormal_columns_that_span_its_own() {
         for rows in [50, MIN_ROWS + 1, 3 * MIN_ROWS + 7] {
-            // columns that are nearly parallel, and differ in size by a million
+            // Columns that are nearly parallel and differ in size by a million.
             let a = DMatrix::from_fn(rows, 9, |i, j| {
                 let (x, scale) = (i as f64 / rows as f64, libm::pow(10.0, j as f64 - 4.0));
                 scale * (libm::sin(3.0 * x + 0.3 * j as f64) + 0.1 * libm::sin((7 * i + j) as f64))
