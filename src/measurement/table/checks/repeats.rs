@@ -26,7 +26,7 @@ pub fn repeats(points: &[Point]) -> Vec<Issue> {
 }
 
 /// The rows that agree with an earlier row in every digit of joints and position, each with that earlier row. Empty if there are fewer than
-/// [`MIN_AGAIN`], or if repetitions of poses differ: at fine resolution at least half of all repetitions must agree, otherwise all of them.
+/// `MIN_AGAIN`, or if repetitions of poses differ: at fine resolution at least half of all repetitions must agree, otherwise all of them.
 pub fn rows_again(points: &[Point]) -> Vec<(usize, usize)> {
     let bits = |values: &[f64]| values.iter().map(|value| value.to_bits()).collect();
     let (mut poses, mut firsts) = (BTreeSet::new(), BTreeMap::new());
