@@ -197,7 +197,8 @@ fn unwound(mut links: Vec<Link>, nominal: &[Link]) -> Vec<Link> {
     links
 }
 
-/// Runs the other methods on the same points: always least squares; for BPNN-PSO also the cold swarm and the plain warm start.
+/// Runs other methods on the same points: least squares, unless it is the main method; for BPNN-PSO also the cold swarm and the plain warm
+/// start.
 fn compare(
     problem: &Problem<'_>,
     choice: &Choice,

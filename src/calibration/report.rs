@@ -322,7 +322,7 @@ pub struct CalibrationReport {
     pub corrections: Option<Vec<Evidence>>,
     /// The sessions that were fitted together; `None` for a single upload.
     pub pooled: Option<PooledSessions>,
-    /// Whether the released set still holds; only for a quick check.
+    /// Whether the released set is still valid; only for a quick check.
     pub quick_check: Option<QuickCheck>,
     /// The network trained on this run, if it was a swarm.
     pub network: Option<TrainedNetwork>,

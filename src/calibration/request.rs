@@ -191,7 +191,7 @@ impl CalibrationRequest {
         Some(ScaleAtReach::new(scale, &self.robot.links))
     }
 
-    /// The model that is identified: the one asked for, else [`default_model`].
+    /// The model that is identified: the requested one, or [`default_model`].
     pub fn model(&self) -> Model {
         let default = match self.set.has_poses() {
             true => Model::Complete,

@@ -73,7 +73,7 @@ fn spread_mm(points: &[FixturePoint]) -> f64 {
     (squares.sum::<f64>() / n).sqrt()
 }
 
-/// The mistakes that are looked for.
+/// The mistakes that are tried.
 fn mistakes(frame: &WorkFrame) -> Vec<FixtureMistake> {
     let units = [MM_PER_INCH, MM_PER_M, 1.0 / MM_PER_INCH, 1.0 / MM_PER_M];
     let mut mistakes = units.map(FixtureMistake::Scaled).to_vec();

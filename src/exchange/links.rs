@@ -148,7 +148,7 @@ fn towards(
     framed(origin, &(if is_forward { normal } else { -normal }), &z)
 }
 
-/// Rx(alpha)·Dx(a)·Ry(beta) from frame i to axis i + 1; the x axis of frame i meets that axis.
+/// Rx(alpha)·Dx(a)·Ry(beta) from frame i to axis i + 1; the x axis of frame i intersects that axis.
 fn reaching(t_root_link: &IsometryMatrix3<f64>, next: &Axis) -> Link {
     let v = t_root_link.rotation.inverse() * next.direction;
     let p = t_root_link.inverse() * nalgebra::Point3::from(next.point_mm);

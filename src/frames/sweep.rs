@@ -11,7 +11,7 @@ use nalgebra::Vector3;
 pub const MIN_ARC_RAD: f64 = std::f64::consts::FRAC_PI_4;
 /// Minimum number of points of one sweep.
 pub const MIN_SWEEP_POINTS: usize = 5;
-/// Joints that should stand still may move by this much, rad (0.05°).
+/// Largest motion of the joints that must not move, rad (0.05°).
 const STILL_RAD: f64 = 8.7e-4;
 /// Maximum rms distance of the points from one circle, as a share of the reach. A joint that moves alone is more repeatable than this, so
 /// points with a larger distance do not come from one joint.

@@ -79,7 +79,7 @@ pub struct StoredFacts<'a> {
 /// All inputs of the gates.
 #[derive(Clone, Debug)]
 pub struct Facts<'a> {
-    /// The facts that stand in columns.
+    /// The facts that are stored as columns.
     pub stored: StoredFacts<'a>,
     /// Age of the separate upload that the job verified on, as a number in the audit chain; 0 for none.
     pub verify_set_seq: i64,

@@ -14,7 +14,7 @@ pub struct Session {
     pub measurement_set_id: String,
     /// Its number in the robot's counter.
     pub seq: i64,
-    /// Whether the set's base was placed anew in the session, so that a wrong base would not show.
+    /// Whether the set's base was fitted anew to the session, so that an error of the base would not show.
     pub is_base_hidden: bool,
     /// Number in the audit chain of the upload in which its points appeared first.
     pub measured_seq: i64,

@@ -43,7 +43,7 @@ impl<'a> Watch<'a> {
         }
     }
 
-    /// True if an answer was no; does not ask again.
+    /// True if an answer was "no". Does not ask again.
     pub fn was_stopped(&self) -> bool {
         self.is_over.get()
     }

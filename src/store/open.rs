@@ -336,7 +336,8 @@ fn make_private(data_dir: &Path) {
     }
 }
 
-/// Locks the data directory for a server. Waits a little, because commands beside a server take the lock for a moment to see whether there is one.
+/// Locks the data directory for a server. Retries for a moment, because commands take the lock briefly to find out whether a server is
+/// running.
 async fn lock_as_server(data_dir: &Path) -> Result<File> {
     for _ in 0..LOCK_ATTEMPTS {
         if let Some(file) = lock(data_dir)? {

@@ -28,7 +28,7 @@ const MAX_POINT_EVALUATIONS: usize = 100_000_000_000;
 /// The checks of `calibrate` that need no fit. They also run when a job is posted.
 ///
 /// # Errors
-/// [`Error::Unusable`] with code `frames_required`, `model_mismatch`, `no_network`, `network_mismatch`,
+/// [`Error::Unusable`] with code `poses_not_supported`, `frames_required`, `model_mismatch`, `no_network`, `network_mismatch`,
 /// `unknown_parameter`, `bad_subset`, `target_without_identify_points`, `under_determined`, `nothing_to_identify`, `too_much_work`,
 /// `search_box_too_small`, `verify_overlaps_identify`.
 pub fn check(request: &CalibrationRequest) -> Result<(), Error> {

@@ -1,4 +1,4 @@
-//! A quick check in words: the reason for its verdict, and what to measure next, with numbers of poses.
+//! Text about a quick check: the reason for its verdict, and advice what to measure next, with numbers of poses.
 
 use crate::calibration::method::{After, CheckVerdict};
 use crate::calibration::quick_check::{DetectableChange, FEW_CAUSES, LikeliestCause};
@@ -24,13 +24,13 @@ pub struct Found<'a> {
     pub verdict: CheckVerdict,
     /// What happened to the robot before the check.
     pub after: Option<After>,
-    /// Why there is no test, if there is none.
+    /// The reason why there is no test.
     pub tested: Result<(), &'a str>,
     /// Probability that an unchanged robot has errors as large as these, if there is a test.
     pub probability: Option<f64>,
     /// Why points that fit the set do not prove that it holds.
     pub doubt: Option<&'static str>,
-    /// True if the points miss the set by far.
+    /// True if the set is far off at the points.
     pub is_far: bool,
     /// Error of the set on the points, rms, mm.
     pub rms_mm: f64,
@@ -52,7 +52,7 @@ pub struct Found<'a> {
     pub n_links: usize,
     /// Number of targets.
     pub n_targets: usize,
-    /// True if base and targets were placed anew.
+    /// True if base and targets were fitted anew.
     pub is_placed_anew: bool,
     /// True if the points repeat an earlier upload.
     pub is_repeat: bool,

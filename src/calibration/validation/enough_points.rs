@@ -185,7 +185,7 @@ pub fn base_is_known(request: &CalibrationRequest, identified: &KinematicModel) 
             || identified.t_instrument_base == IsometryMatrix3::identity())
 }
 
-/// True if base and targets are placed anew for the request's points, even without steps.
+/// True if base and targets are fitted anew to the request's points, even without steps.
 pub fn is_placed_anew(request: &CalibrationRequest, identified: Option<&KinematicModel>) -> bool {
     n_refitted(request, identified) > 0
 }

@@ -141,8 +141,8 @@ pub fn session_fit(
     }
 }
 
-/// Whether the nominal robot fits the points. If `n_refitted` is 0, its targets are placed anew in the base frame. Otherwise `n_refitted` numbers of
-/// base and targets were already fitted to the points.
+/// Whether the nominal robot fits the points. If `n_refitted` is 0, its targets are fitted in the base frame. Otherwise `n_refitted`
+/// parameters of base and targets were already fitted to the points.
 pub fn nominal_fit(
     robot: &Robot,
     nominal: &KinematicModel,

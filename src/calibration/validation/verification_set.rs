@@ -37,7 +37,7 @@ pub struct Layout<'a> {
     arrangement: Arrangement,
     /// Result of the screening.
     pub screening: Screening,
-    /// True if base and targets are placed anew.
+    /// True if base and targets are fitted anew.
     pub is_placed_anew: bool,
 }
 
@@ -72,8 +72,8 @@ const SET_UP_ROUNDS: usize = 30;
 const FOUND_PER_REACH: f64 = 1e-3 / 1700.0;
 
 impl<'a> Layout<'a> {
-    /// `observed` are the points of `set`, and `model` is the robot that is expected to fit them best. `refit`: base and targets are unknown for
-    /// these points. With several stations or with steps, base and targets are placed anew in any case.
+    /// `observed` are the points of `set`, and `model` is the robot that is expected to fit them best. `refit`: base and targets are
+    /// unknown for these points. With several stations or with steps, base and targets are fitted anew in any case.
     ///
     /// # Errors
     /// [`Error::Unusable`] if the points cannot be placed.
@@ -119,7 +119,7 @@ impl<'a> Layout<'a> {
         })
     }
 
-    /// Places a robot on these points. Its links stay; base and targets stay, or are placed anew.
+    /// Places a robot on these points. Its links stay unchanged; base and targets stay too, or are fitted anew.
     pub fn place(&self, model: &KinematicModel) -> Result<Placed, Error> {
         let mut observed = self.measured.clone();
         if !self.is_placed_anew {
@@ -224,7 +224,7 @@ impl<'a> Layout<'a> {
         is_moved
     }
 
-    /// Number of base and target parameters that are placed anew.
+    /// Number of base and target parameters that are fitted anew.
     pub fn n_refitted(&self) -> usize {
         if !self.is_placed_anew {
             return 0;
@@ -272,7 +272,7 @@ pub fn n_placed(request: &CalibrationRequest, set: &MeasurementSet) -> usize {
     n_placed_where(refits(request, set), set)
 }
 
-/// As [`n_placed`], if it is known whether base and targets are placed anew. With several stations they always are.
+/// As [`n_placed`], if it is known whether base and targets are fitted anew. With several stations they always are.
 pub fn n_placed_where(is_placed_anew: bool, set: &MeasurementSet) -> usize {
     let stations = n_stations(set);
     match is_placed_anew || stations > 1 {

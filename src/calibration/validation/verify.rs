@@ -45,7 +45,7 @@ struct Scored {
     corrected: Option<PlacedCorrected>,
     /// Number of refitted base and target parameters.
     n_refitted: usize,
-    /// Why an error of the base does not show, if the set has a base and it was placed anew.
+    /// Why an error of the base does not show, if the set has a base and it was fitted anew.
     base_hidden_because: Option<&'static str>,
     /// Warnings about outliers and steps.
     remarks: Vec<Warning>,

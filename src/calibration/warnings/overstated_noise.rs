@@ -94,7 +94,7 @@ impl OverstatedNoise {
             .or_else(of_rotations)
     }
 
-    /// The comparison in words.
+    /// Text about the comparison.
     pub fn in_words(&self) -> String {
         let Self {
             stated,

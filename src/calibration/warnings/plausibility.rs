@@ -20,7 +20,7 @@ const PLAUSIBLE_PER_REACH: f64 = 5.0 / 1700.0;
 /// Limit for the deviation of an angle, rad (2°). Mastering is off by some tenths of a degree, a slipped belt by one or two degrees.
 const PLAUSIBLE_RAD: f64 = 2.0 * PI / 180.0;
 
-/// Differences between two robots of the same make that are larger than expected, in words.
+/// Text about differences between two robots of the same type that are larger than expected.
 pub fn implausible_changes(links: &[Link], reference: &[Link]) -> Vec<String> {
     let plausible_mm = PLAUSIBLE_PER_REACH * reach_mm(reference);
     let mut changes = Vec::new();

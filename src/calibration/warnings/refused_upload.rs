@@ -3,7 +3,7 @@
 use crate::calibration::report::{NO_FIT, Warning};
 use crate::calibration::warnings::plausibility::JOINT_MAP;
 
-/// The correction that the refusal with this code asked for.
+/// The correction that the refusal with this code requires.
 pub fn remedy(code: &str) -> &'static str {
     match code {
         "frame_suspect" => {

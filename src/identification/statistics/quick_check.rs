@@ -60,7 +60,7 @@ pub struct Poses<'a> {
     pub configurations: &'a [usize],
     /// Stated noise of a coordinate of each point, mm; 0 if nothing is stated.
     pub stated_std_mm: &'a [f64],
-    /// True if base and targets were placed anew.
+    /// True if base and targets are fitted anew.
     pub is_placed_anew: bool,
 }
 

@@ -181,7 +181,7 @@ fn no_joint_values(program: &Program) -> ParseError {
 mod tests {
     use super::{Reason, find, table};
 
-    /// Rows of the table, each behind the line of its point.
+    /// Rows of the table, each with the line of its point before it.
     fn rows(text: &str) -> Vec<String> {
         let (rows, about) = table(text).unwrap().unwrap();
         let rows = rows.lines().skip(1).zip(about.lines);

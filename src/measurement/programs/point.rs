@@ -37,7 +37,7 @@ pub enum Reason {
 }
 
 impl Reason {
-    /// The reason in words.
+    /// Text of the reason.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Cartesian => "a Cartesian position has no joint values",

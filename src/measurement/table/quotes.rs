@@ -197,7 +197,7 @@ fn push_row(rows: &mut String, text: &str, between: Between) -> Result<usize, us
     }
 }
 
-/// The place of the quote that closes a cell. Two quotes stand for one.
+/// The place of the quote that closes a cell. A pair of quotes stands for one quote.
 fn closing(inner: &str) -> Option<usize> {
     let mut quotes = inner.match_indices('"').map(|(at, _)| at).peekable();
     while let Some(at) = quotes.next() {

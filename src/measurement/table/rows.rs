@@ -36,7 +36,7 @@ pub struct Rows {
     n_rows: usize,
     /// Number of other rows that begin with a number.
     n_numbered: usize,
-    /// For each column, the cells with and without its unit behind the number.
+    /// For each column, the cells with and without a unit after the number.
     with_unit: Vec<UnitsOfCells>,
     /// Rows with the name of a statistic before their numbers.
     summaries: Vec<Summary>,

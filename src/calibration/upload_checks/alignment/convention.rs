@@ -149,7 +149,7 @@ impl Convention {
         columns.join(", ")
     }
 
-    /// Description of the convention, in words.
+    /// Text that describes the convention.
     pub fn words(&self) -> String {
         let reversed: Vec<usize> = joints(&self.reversed, |reversed| *reversed);
         let mut words = Vec::new();

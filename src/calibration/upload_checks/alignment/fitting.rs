@@ -274,7 +274,7 @@ impl Zeroed {
     }
 }
 
-/// Fast fit with every joint's zero free, from the robot as it stands.
+/// Fast fit with every joint's zero free, starting from the given links.
 pub(super) fn quickly_with_free_zeros(
     links: &[Link],
     observations: &[Observation],

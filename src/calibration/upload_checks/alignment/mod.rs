@@ -27,7 +27,7 @@ use suspect::{Suspect, What};
 /// Whether the nominal robot fits an uploaded set, with the best placement of base and target.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Alignment {
-    /// It fits, or there are too few points to tell.
+    /// It fits, or there are too few points for a decision.
     Fits,
     /// It does not fit: rms, mm.
     Misses(f64),
