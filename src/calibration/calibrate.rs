@@ -35,7 +35,7 @@ pub fn calibrate(
     calibrate_then(request, monitor, |report, _, _| Ok(report))
 }
 
-/// As [`calibrate`], and then calls `then` with the report and the problem that the released parameters were fitted to.
+/// As [`calibrate`], and then calls `then` with the report and the problem that the delivered parameters were fitted to.
 pub fn calibrate_then<T>(
     request: &CalibrationRequest,
     monitor: &mut Monitor<'_>,
@@ -54,7 +54,7 @@ pub fn calibrate_then<T>(
     then(report, &problem, monitor)
 }
 
-/// Runs one calibration of points that belong to one state of the robot. Also returns the problem of the released parameters.
+/// Runs one calibration of points that belong to one state of the robot. Also returns the problem of the delivered parameters.
 fn calibrate_points<'a>(
     request: &'a CalibrationRequest,
     monitor: &mut Monitor<'_>,

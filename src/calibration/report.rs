@@ -271,7 +271,7 @@ pub struct CalibrationReport {
     pub verify: Option<SubsetErrors>,
     /// Errors of the verify subset without outliers; `None` if it has none.
     pub verify_without_outliers: Option<SubsetErrors>,
-    /// Errors of the released fit; `None` if the verified parameters themselves are released.
+    /// Errors of the delivered fit; `None` if the verified parameters themselves are delivered.
     pub final_fit: Option<FinalErrors>,
     /// Every point of the set (and of the verify set, after them), in order.
     pub per_point: Vec<PointErrors>,
@@ -287,7 +287,7 @@ pub struct CalibrationReport {
     pub error_model: Option<ErrorModel>,
     /// The full uncertainty, with the covariance: rows in the order of `parameters`.
     pub uncertainty: Option<Uncertainty>,
-    /// Estimate of the released fit, for comparison with later sessions. `None` if priors were stated, if there is no fit to all points, or
+    /// Estimate of the delivered fit, for comparison with later sessions. `None` if priors were stated, if there is no fit to all points, or
     /// if its uncertainty cannot be stated.
     pub estimate: Option<Estimate>,
     /// Why no uncertainty is stated, if a robot was identified without one.

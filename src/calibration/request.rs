@@ -111,7 +111,7 @@ pub struct CalibrationRequest {
     pub verify: VerifySource,
     /// Search options.
     pub options: SearchOptions,
-    /// Points that the released parameters are fitted to. `None`: all points, except that it is the identify subset with the paper's preset
+    /// Points that the delivered parameters are fitted to. `None`: all points, except that it is the identify subset with the paper's preset
     /// and for a swarm that is not refined.
     pub final_fit: Option<FinalFit>,
     /// Whether corrections are searched; `None`: yes, except in the paper's preset.

@@ -124,7 +124,7 @@ pub fn compare_on_set(compared: Compared<'_>, points: String, set: &MeasurementS
 
 /// Compares the two sets on the verify subset of the set's own upload. `verified_mm` has the errors of the fit that did not use these
 /// points, as pairs: with links alone, and with corrections. It is `None` if the active set was identified from these points too; then both
-/// sets are scored as released.
+/// sets are scored as delivered.
 pub fn compare_on_verify_subset(
     compared: Compared<'_>,
     points: String,

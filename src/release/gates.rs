@@ -178,12 +178,12 @@ fn with_and_without_outliers(facts: &StoredFacts<'_>) -> String {
     )
 }
 
-/// Error of the released parameters: with corrections, if any was kept.
+/// Error of the delivered parameters: with corrections, if any was kept.
 fn delivered_rms_mm(subset: &SubsetReport) -> f64 {
     subset.corrected.unwrap_or(subset.after).rms_mm
 }
 
-/// The verified errors are those of the fit to the identify subset. They hold for the released parameters only if these place the tool
+/// The verified errors are those of the fit to the identify subset. They hold for the delivered parameters only if these place the tool
 /// nearly where the verified fit does.
 fn final_fit(facts: &StoredFacts<'_>) -> Gate {
     let name = "final_fit_near_verified";

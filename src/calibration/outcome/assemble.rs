@@ -186,7 +186,7 @@ pub fn report(
             "the identify subset has no points",
         ));
     };
-    // Errors are those of the verified fit. Everything else in the report describes the released fit.
+    // Errors are those of the verified fit. Everything else in the report describes the delivered fit.
     let (delivered_problem, delivered_model) = match final_fit {
         Some(last) => (&last.problem, &last.model),
         None => (problem, model),

@@ -1,4 +1,4 @@
-//! The identified robot in the form in which it is released. With sweeps, the fit merges z_t into d of the last link; this file separates
+//! The identified robot in the form in which it is delivered. With sweeps, the fit merges z_t into d of the last link; this file separates
 //! them again.
 
 use crate::calibration::problem::Problem;
@@ -8,7 +8,7 @@ use crate::identification::corrections::corrected::CorrectedModel;
 use crate::measurement::Frame;
 use nalgebra::IsometryMatrix3;
 
-/// Links, base and targets as released. With sweeps, z_t is removed from d of the last link and becomes the target.
+/// Links, base and targets as delivered. With sweeps, z_t is removed from d of the last link and becomes the target.
 pub fn as_delivered(problem: &Problem<'_>, model: &KinematicModel) -> KinematicModel {
     let delivered = delivered(problem, model);
     KinematicModel {

@@ -1,4 +1,4 @@
-//! The released fit: links, base, targets and corrections fitted to all points of the upload, after the fit to the identify subset was
+//! The delivered fit: links, base, targets and corrections fitted to all points of the upload, after the fit to the identify subset was
 //! verified.
 //!
 //! The held-out points are no longer needed for judging the result, and they improve it. All choices stay the same: free parameters,
@@ -34,7 +34,7 @@ use crate::kinematics::reach_mm;
 use crate::measurement::Subset;
 use crate::solvers::watch::Watch;
 
-/// The released robot, in the frame of the fit.
+/// The delivered robot, in the frame of the fit.
 pub struct Final<'a> {
     /// The problem with all points as identify points.
     pub problem: Problem<'a>,
@@ -66,7 +66,7 @@ impl Final<'_> {
     }
 }
 
-/// True if the released parameters are fitted to all points. With more outliers than were left out, a person has to review them first.
+/// True if the delivered parameters are fitted to all points. With more outliers than were left out, a person has to review them first.
 pub fn is_wanted(problem: &Problem<'_>) -> bool {
     let request = problem.request;
     let default = match request.preset == Preset::Default && problem.settings.refine {

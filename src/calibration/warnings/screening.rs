@@ -95,7 +95,7 @@ pub fn of_the_verify_set(warnings: Vec<Warning>) -> impl Iterator<Item = Warning
     })
 }
 
-/// The segment for which the released base is valid, as text; `None` if the base did not move.
+/// The segment for which the delivered base is valid, as text; `None` if the base did not move.
 fn delivered_base(screening: &Screening, arrangement: &Arrangement) -> Option<String> {
     let is_of_base = |s: &&Step| s.moved == Moved::Base && !s.is_one_point;
     let steps = screening.steps.iter().filter(is_of_base);
