@@ -3,8 +3,8 @@
 //! If the rows are linear in the coordinates, the most probable noise σ and the most probable widths are a fixed point [MacKay 1992]:
 //!
 //! - σ² is the sum of squares of the residuals, divided by the number of rows minus the number of coordinates that the rows determine;
-//! g² is the factor by which the prior variances of a kind have grown from their start values. It is the sum of squares of the kind's
-//! coordinates, divided by the number of those that the rows determine, and at least 1.
+//! - g² is the factor by which the prior variances of a kind have grown from their start values. It is the sum of squares of the kind's
+//!   coordinates, divided by the number of those that the rows determine, and at least 1.
 //!
 //! Errors of links have heavy tails: most are small, but that of a joint that was never mastered is a hundred times larger. Each link
 //! parameter therefore has Student's t distribution, written as a normal distribution with its own unknown variance: width² = g²·(ν +

@@ -4,7 +4,6 @@
 //! block has the rows of one measurement; only the block knows their number. A row is sqrt(weight) · W · (measured − predicted), in mm,
 //! where W whitens noise that differs between directions. A pose has three more rows: the rotation vector between the predicted and the
 //! measured target, times a length in mm/rad. The priors are rows too; [`crate::identification::least_squares::estimate`] adds them.
-//! times a length in mm/rad. The priors are rows too; [`crate::identification::least_squares::estimate`] adds them.
 
 use crate::identification::KinematicModel;
 use crate::identification::model::objective::{Observation, posed_targets};

@@ -8,13 +8,13 @@
 //! inverse of V = I + λ·Φ·Φᵀ. The features Φ are those of [`misfit`](crate::identification::statistics::misfit), and λ is their share in
 //! the residuals. The largest g must pass four tests:
 //!
-//! F = (g/d) / (left/freedom) is larger than noise makes it at any place (Bonferroni). Points of one configuration may have correlated
-//! errors: F is divided by the ratio of the variation of their sums to that of independent points;
+//! - F = (g/d) / (left/freedom) is larger than noise makes it at any place (Bonferroni). Points of one configuration may have correlated
+//!   errors: F is divided by the ratio of the variation of their sums to that of independent points;
 //! - g is larger than after random permutations of the configurations. This holds for any distribution of the residuals;
-//! the points on the smaller side have moved by twice the scatter of all points. Effects that no feature describes are not larger than
-//! that;
-//! g is still significant if a drift of the base ([`drift`](crate::identification::screening::drift)) is fitted too: a ramp, a warm-up, and
-//! a random walk whose variance is estimated together with the step.
+//! - the points on the smaller side have moved by twice the scatter of all points. Effects that no feature describes are not larger than
+//!   that;
+//! - g is still significant if a drift of the base ([`drift`](crate::identification::screening::drift)) is fitted too: a ramp, a warm-up, and
+//!   a random walk whose variance is estimated together with the step.
 
 use crate::identification::screening::columns::Columns;
 use crate::identification::screening::drift::{Beside, beside_drift};

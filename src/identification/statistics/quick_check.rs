@@ -2,12 +2,12 @@
 //!
 //! The model is `r = J·δ + Φ·u + B·b + E·c + e`, 3·N rows in mm, measured − predicted by the earlier estimate:
 //!
-//! δ and u: errors of the earlier parameters, and effects that links cannot describe. The root of their mean square error is stored with
-//! the estimate; D is the effect of its columns on these points;
-//! b: base and targets, without prior knowledge, if they are fitted anew;
-//! e: white noise of a coordinate, which is the larger of two: the earlier session's noise, and the instrument's stated noise of the point.
-//! Also the errors that points of one configuration share, as in the earlier session. Points of one configuration are never treated as
-//! independent;
+//! - δ and u: errors of the earlier parameters, and effects that links cannot describe. The root of their mean square error is stored with
+//!   the estimate; D is the effect of its columns on these points;
+//! - b: base and targets, without prior knowledge, if they are fitted anew;
+//! - e: white noise of a coordinate, which is the larger of two: the earlier session's noise, and the instrument's stated noise of the point.
+//!   Also the errors that points of one configuration share, as in the earlier session. Points of one configuration are never treated as
+//!   independent;
 //! - c: a change since then. An unchanged robot has c = 0.
 //!
 //! With V = D·Dᵀ + noise = L·Lᵀ and Q the orthonormal columns that span L⁻¹·B, z = (I − Q·Qᵀ)·L⁻¹·r has m = 3·N − rank Q dimensions. |z|²/m is

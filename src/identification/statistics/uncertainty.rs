@@ -5,8 +5,8 @@
 //! `residual = J·δ + Φ·u + c + e`
 //!
 //! - δ: deviations of the parameters from the identified ones, with the priors of the estimate;
-//! u: effects that links cannot describe: the features Φ of [`misfit`](super::misfit), each normal about 0 with standard deviation σm.
-//! Harmonics of orders above 1 have their own σm. A joint that follows another one has no prior, and is included only if it is significant;
+//! - u: effects that links cannot describe: the features Φ of [`misfit`](super::misfit), each normal about 0 with standard deviation σm.
+//!   Harmonics of orders above 1 have their own σm. A joint that follows another one has no prior, and is included only if it is significant;
 //! - c: the error that all points of one configuration share, σc;
 //! - e: white noise of the instrument and of the robot's repeatability, σ. If it differs between directions, all rows are whitened first.
 //!
