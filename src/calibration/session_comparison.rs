@@ -78,7 +78,7 @@ pub fn estimate_of_request(
     estimate(&alike(request, set, frames), monitor)
 }
 
-/// A session of the request's robot with the request's model and free parameters, and all other options at their defaults.
+/// A request for a session of the same robot, with the same model and free parameters, and all other options at their defaults.
 fn alike(
     request: &CalibrationRequest,
     set: MeasurementSet,
@@ -188,7 +188,7 @@ fn in_words(comparison: &Comparison, request: &CalibrationRequest) -> Changes {
     }
 }
 
-/// A sentence for two sessions that differ: the reference of an upload shows a scale error of its instrument. Empty if none does.
+/// Sentence for the message that two sessions differ: the reference shows a scale error of the instrument. Empty if it shows none.
 pub fn scale_remark(request: &CalibrationRequest) -> String {
     let is_off = |scale: &InstrumentScale| scale.is_off();
     let Some(scale) = request.instrument_scale.filter(is_off) else {

@@ -14,7 +14,6 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tokio::time::sleep;
 
-/// Timeout of a request.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(60);
 /// Maximum number of pages that are read to find a robot by its name.
 const MAX_PAGES: usize = 50;

@@ -68,7 +68,6 @@ pub struct Arguments {
     output: Output,
 }
 
-/// A plan, and the robot that it is for.
 struct PlanForRobot {
     plan: PosePlanAnswer,
     /// Name of the robot, as messages show it.

@@ -53,7 +53,6 @@ pub async fn create(Id(robot_id): Id, submission: Submission) -> Result<Response
     Ok(answer)
 }
 
-/// Parses and checks the request body.
 fn parse_request(submission: &Submission) -> Result<JobRequestBody, Error> {
     let request: JobRequestBody = submission.json()?;
     request.check()?;

@@ -249,7 +249,6 @@ fn is_json(content_type: &str) -> bool {
         .starts_with("application/json")
 }
 
-/// Parses an upload.
 fn parse_upload(
     body: &RobotBody,
     bytes: &Bytes,

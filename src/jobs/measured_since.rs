@@ -28,7 +28,7 @@ struct Own<'a> {
 struct Found {
     /// Number in the audit chain of the upload in which its points appeared first.
     measured_seq: i64,
-    /// Whether this upload is, or repeats, an upload that it must not repeat.
+    /// Whether this upload repeats an upload that it must not repeat, or is itself one of those: see [`measured_since`].
     is_repeat: bool,
 }
 

@@ -66,7 +66,6 @@ impl RunAlone {
             .is_some_and(|since| since.elapsed() >= self.suspect_wait)
     }
 
-    /// Records that a suspect was run.
     pub(super) fn suspect_was_run(&self) {
         *self.since() = None;
     }

@@ -183,7 +183,6 @@ struct Unresponsive {
     begun: Instant,
 }
 
-/// Result of a computation.
 type Computed = std::result::Result<JobOutcome, JobFailure>;
 
 impl Attempt<'_> {

@@ -50,8 +50,9 @@ pub struct Ages {
     pub last_check: i64,
 }
 
-/// The age from which sessions show the robot as it is now; 0 for all sessions. If the set's points are newer than those of the active set,
-/// or than a session that did not fit the robot, older sessions are outdated: an old file that is uploaded late fits old sessions.
+/// The age from which sessions show the robot as it is now; 0 if all sessions do. If the set's points are newer than those of the active
+/// set, or than a session that did not fit the robot, older sessions are outdated: an old file, uploaded late, agrees with the robot as it
+/// was before.
 pub fn current_since(ages: Ages) -> i64 {
     let newer = [ages.active, ages.last_check].into_iter();
     newer.filter(|since| ages.own > *since).max().unwrap_or(0)

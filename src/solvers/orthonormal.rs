@@ -4,7 +4,7 @@ use super::qr::{add_scaled, triangularise};
 use multiversion::multiversion;
 use nalgebra::DMatrix;
 
-/// A matrix with at most this number of rows is reduced at once.
+/// A matrix with more rows than this is reduced block by block.
 pub const MIN_ROWS: usize = 6_000;
 /// Number of rows that are reduced at a time: they fit into a processor's cache.
 const ROWS_AT_ONCE: usize = 600;

@@ -21,7 +21,6 @@ pub(super) trait Audited: for<'r> FromRow<'r, AnyRow> + Send + Unpin {
     fn expected_entries(&self) -> Vec<ExpectedEntry>;
 }
 
-/// Expected content of an entry.
 #[derive(Debug)]
 pub(super) struct ExpectedEntry {
     pub(super) event: AuditEvent,

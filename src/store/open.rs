@@ -51,7 +51,6 @@ impl FromStr for StoreLocation {
 const PRIVATE_DIR: u32 = 0o700;
 /// Permissions of the files in it.
 const PRIVATE_FILE: u32 = 0o600;
-/// Mask of the permissions of the group and of others.
 const GROUP_AND_OTHERS_MASK: u32 = 0o077;
 /// Oldest accepted SQLite version. Older versions can corrupt a database in WAL mode.
 const OLDEST_SQLITE: (u32, u32, u32) = (3, 51, 3);

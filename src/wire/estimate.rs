@@ -230,7 +230,6 @@ impl StoredUncertainty {
     }
 }
 
-/// The parameters with these names.
 fn named(names: &[String], all: &[Parameter]) -> Result<Vec<Parameter>, String> {
     let of_name = |name: &String| {
         let found = all.iter().find(|parameter| parameter.name() == *name);

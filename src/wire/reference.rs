@@ -14,11 +14,8 @@ pub const MAX_INSTRUMENT: usize = 500;
 const MAX_RELATIVE_ERROR: f64 = 0.01;
 /// Smallest length, mm: a short gauge block. A shorter length does not determine a scale.
 const MIN_LENGTH_MM: f64 = 0.5;
-/// Largest length, mm.
 const MAX_LENGTH_MM: f64 = 100_000.0;
-/// Smallest standard uncertainty of a length, mm.
 const MIN_STD_MM: f64 = 1e-6;
-/// Largest standard uncertainty of a length, mm.
 const MAX_STD_MM: f64 = 10.0;
 /// Largest deviation of a length from the common scale of all lengths, in its standard uncertainties. Beyond it the length contradicts the
 /// others; for a correct length this happens by chance once in two million.

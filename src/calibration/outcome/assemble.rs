@@ -93,7 +93,6 @@ pub fn vetoed(
     Ok((Some(found), warning))
 }
 
-/// The points of one subset.
 fn of_subset(problem: &Problem<'_>, points: &[Observation], subset: Subset) -> Vec<Observation> {
     let all = points.iter().zip(&problem.observed.subsets);
     all.filter(|(_, of)| **of == subset)
@@ -311,7 +310,7 @@ pub fn report(
         .flat_map(of_following_joints)
         .collect();
     let uncertainty = estimated.filter(|_| why_not_stated.is_none());
-    // Without verify points this is not needed.
+    // The uncertainty of the verified fit matters only if there are verify points.
     let is_verified = problem.observed.subsets.contains(&Subset::Verify);
     let of_verified = match final_fit {
         Some(_) if is_verified => stated(problem, model, watch),
@@ -424,7 +423,7 @@ pub fn report(
         request.options.loss,
         Some(&problem.arrangement),
     ));
-    // The identified robot shows a wrong rotation convention even if the nominal robot is too far off.
+    // With the identified robot, a wrong rotation convention shows even if the nominal robot is too far off to show it.
     if request.set.has_poses() {
         let identified = Robot {
             links: delivered_model.links.clone(),

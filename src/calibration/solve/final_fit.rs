@@ -116,7 +116,7 @@ pub fn final_fit<'a>(
             }
             let [all, identify] = noises;
             let rounding_mm = ROUNDING_PER_REACH * reach_mm(&verified.request.robot.links);
-            // If a fit without redundancy follows its few points, it has no scatter, which says nothing.
+            // A fit without redundancy follows its points exactly, so its scatter shows nothing.
             if without_redundancy(verified).is_none()
                 && all.std_mm > MAX_SCATTER * identify.std_mm + rounding_mm
                 && all.is_more_than(&identify)

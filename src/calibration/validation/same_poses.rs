@@ -29,7 +29,6 @@ pub struct PlacedRows {
     rows: Vec<PlacedRow>,
 }
 
-/// A row of the placed robot.
 struct PlacedRow {
     /// The reflector's position, mm.
     here_mm: Vector3<f64>,

@@ -216,7 +216,7 @@ fn warnings(
     let after = &scored.after;
     let placed = (scored.n_refitted > 0).then_some((&after.model, &after.observed.all[..]));
     let shows_little = shows_little(&request.robot, &request.set, placed);
-    // If the points show little, they do not show either that the set is no better.
+    // Points that show little of the robot cannot show either that the set is no better than nominal.
     let told = verdict.warning();
     let told = told.filter(|told| told.code != NO_BETTER || shows_little.is_none());
     let mut warnings: Vec<Warning> = told.into_iter().collect();

@@ -6,7 +6,6 @@ use crate::identification::screening::backlash::{Backlash, ShownBy};
 use crate::identification::screening::drift::{Course, Drift};
 use crate::identification::screening::settling::SharedErrors;
 
-/// The warnings about errors over a session.
 pub(super) fn over_session(errors: &SessionErrors) -> impl Iterator<Item = Warning> {
     let played = errors.backlash.iter().map(played);
     let shared = errors.shared.as_ref().map(err_together);

@@ -46,7 +46,7 @@ impl<'a> Parts<'a> {
         sum
     }
 
-    /// All rows as a triangle; only some of them if the watch stops.
+    /// The triangle R of all rows. If the watch stops, only some of the rows are in it.
     pub fn triangle(&self, x: &[f64], watch: &Watch<'_>) -> Triangle {
         let mut triangle = Triangle::empty(self.n_coordinates);
         for (i, part) in self.parts.iter().enumerate() {

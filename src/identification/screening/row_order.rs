@@ -36,7 +36,7 @@ pub struct InOrder<'a> {
     pub targets: Vec<usize>,
     /// Radius of the workspace, mm.
     pub reach_mm: f64,
-    /// Checked for a stop.
+    /// Asked between parts of the work whether to stop.
     pub watch: &'a Watch<'a>,
 }
 

@@ -30,9 +30,9 @@ pub(super) const REPEATABILITY_PER_REACH: f64 = 1e-4 / 3.6;
 /// Errors that the points of one visit share.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SharedErrors {
-    /// Standard deviation of a coordinate, mm.
+    /// Standard deviation per coordinate of the shared error, mm.
     pub shared_mm: f64,
-    /// Standard deviation of a coordinate of the error that each point has by itself, mm.
+    /// Standard deviation per coordinate of the error that is independent from point to point, mm.
     pub own_mm: f64,
     /// Standard deviation of each joint value that explains them, rad; `None` if one vector per visit explains them better.
     pub joints_rad: Option<f64>,

@@ -113,7 +113,7 @@ pub struct Campaign<'a> {
     pub clusters: &'a [usize],
     /// Lower limit of a coordinate's standard deviation, mm.
     pub least_scale_mm: f64,
-    /// Checked for a stop between the random orders.
+    /// Asked between the random orders whether to stop.
     pub watch: &'a Watch<'a>,
 }
 

@@ -36,7 +36,7 @@ pub struct Session<'a> {
     pub corrections: Option<FittedCorrections<'a>>,
     /// The misfit of the links, or of links and corrections.
     pub misfit: Misfit,
-    /// Checked for a stop between parts of the work. After a stop the result is not valid.
+    /// Asked between parts of the work whether to stop. After a stop the result is not valid.
     pub watch: &'a Watch<'a>,
 }
 

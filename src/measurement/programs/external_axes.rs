@@ -7,7 +7,6 @@ use std::collections::BTreeMap;
 /// An axis moves if its values at the points differ by more than this, mm or degrees.
 const STANDSTILL: f64 = 0.05;
 
-/// The external axes of a program.
 pub(super) struct ExternalAxes {
     /// The reason for a refusal, if an axis moves.
     pub moving: Option<String>,

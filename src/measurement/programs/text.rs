@@ -109,7 +109,6 @@ pub(super) fn is_word(c: char) -> bool {
     c.is_alphanumeric() || matches!(c, '_' | '$')
 }
 
-/// The word at the end of a text.
 pub(super) fn last_word(text: &str) -> &str {
     let text = text.trim_end();
     &text[text.trim_end_matches(is_word).len()..]
