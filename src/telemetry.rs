@@ -5,7 +5,7 @@ use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 
-/// Starts logging once per process. `KINCAL_LOG` takes levels by target, such as `info,kincal::jobs=debug`; default `info`.
+/// Starts logging, once per process. `KINCAL_LOG` sets levels by target, such as `info,kincal::jobs=debug`; the default is `info`.
 pub fn start() {
     let asked = std::env::var("KINCAL_LOG").ok();
     let filter = asked.and_then(|levels| levels.parse::<Targets>().ok());
@@ -13,7 +13,7 @@ pub fn start() {
     let layer = tracing_subscriber::fmt::layer()
         .with_writer(std::io::stderr)
         .with_target(false);
-    // A log that cannot be written must not end the server. Reporting that on standard error would panic.
+    // A failed write of a log line must not end the server: reporting it on standard error would panic.
     let layer = layer.log_internal_errors(false);
     let registry = tracing_subscriber::registry().with(filter);
     // A second start, e.g. by several servers in one test process, keeps the first.

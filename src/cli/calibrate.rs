@@ -182,12 +182,12 @@ struct Session {
     set: MeasurementSet,
     sha256: String,
     insisted_on: Option<&'static str>,
-    /// Names columns that are not read and may say which reflector or set-up a row is of.
+    /// Names the columns that are not read although they may identify the reflector or the set-up of a row.
     unread: Option<String>,
 }
 
 impl Session {
-    /// What the report page says of its file.
+    /// Description of the file for the report page.
     fn measured<'a>(&'a self, path: &'a Path, arguments: &Arguments) -> MeasuredSet<'a> {
         MeasuredSet {
             name: path.file_name().and_then(|name| name.to_str()),
@@ -227,10 +227,10 @@ fn read_session(path: &Path, robot: &Robot, arguments: &Arguments) -> anyhow::Re
         print_warning(warning.code, &warning.detail);
     }
     let unread = reading.as_ref().and_then(Reading::unread_labels);
-    // A server checks the same: the fit can look perfect with wrong units, columns, rotations or joints.
+    // The same checks as on a server. The fit can look perfect with wrong units, columns, rotations or joints.
     let insist = arguments.set_options.insist;
     let refused = |invalid: Invalid| Usage(cannot_be_used(&shown, &invalid.issues));
-    // wrong rotations say more than positions that fit badly with them
+    // Rotations are checked first: if they are wrong, the positions fit badly too, and the message about rotations is more specific.
     let of_rotations = accept_rotations(robot, &set, insist).map_err(refused)?;
     let of_positions = match alignment::align(robot, &set) {
         Alignment::Fits => None,
@@ -299,7 +299,7 @@ pub fn refuse_unusable(report: &Report, job_id: Option<&str>) -> anyhow::Result<
     anyhow::bail!("{} ({code})\nnext: {next}{page}", words::no_use(code))
 }
 
-/// Whether the next step is that of the check. A file that does not fit the robot has to be looked at first, unless few changes explain it.
+/// Whether the check decides the next step. A file that does not fit the robot must be examined first, unless a few changes explain it.
 fn decides(check: &CheckReport, headline: Option<&str>) -> bool {
     let is_explained = (1..=FEW_CAUSES).contains(&check.likeliest.len());
     match headline {

@@ -14,7 +14,6 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tokio::time::sleep;
 
-/// Timeout of a request.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(60);
 /// Maximum number of pages that are read to find a robot by its name.
 const MAX_PAGES: usize = 50;
@@ -53,17 +52,17 @@ impl ServerArguments {
         Client::new(&self.server, self.key.clone(), self.ca_cert.as_deref())
     }
 
-    /// [`Client::get`] of a command that asks once.
+    /// [`Client::get`] for a command that sends a single request.
     pub fn get(&self, path: &str) -> anyhow::Result<Value> {
         block_on(async { self.client()?.get(path).await })
     }
 
-    /// [`Client::read`] of a command that asks once.
+    /// [`Client::read`] for a command that sends a single request.
     pub fn read(&self, path: &str) -> anyhow::Result<Vec<u8>> {
         block_on(async { self.client()?.read(path).await })
     }
 
-    /// [`Client::send`] with POST, of a command that asks once.
+    /// [`Client::send`] with POST, for a command that sends a single request.
     pub fn post(&self, path: &str, body: &impl Serialize) -> anyhow::Result<Value> {
         block_on(async { self.client()?.send(Method::POST, path, body).await })
     }
@@ -118,7 +117,7 @@ impl Client {
             None => http,
         };
         let http = http.build().with_context(|| match ca_cert {
-            // Reached on a machine that trusts no authority at all.
+            // No certificate authority is installed on this machine.
             None if url.starts_with("https:") => {
                 "no certificate can be checked; next: give the server's authority by --ca-cert FILE or KINCAL_CA_CERT"
             }

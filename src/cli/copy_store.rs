@@ -46,7 +46,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         .into());
     }
     block_on(async {
-        // Opened as a server does: this updates the schema, and refuses a data directory that is in use.
+        // Opened in the same way as by a server: this migrates the schema, and refuses a data directory that is in use.
         let from = Store::open(from).await?;
         let to = Store::open(to).await?;
         let copied = copy::copy(&from, &to, |table| eprintln!("copying {table}")).await?;

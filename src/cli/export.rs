@@ -50,7 +50,7 @@ pub struct Arguments {
 
 /// Prints the export, or writes it into a file.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    // Not a conflict of clap's: that counts KINCAL_JSON=0 as given.
+    // Not declared as a conflict in clap, because clap takes KINCAL_JSON=0 as given.
     if arguments.json && (arguments.patch.is_some() || arguments.format != ExportFormat::Json) {
         let text = "--json (KINCAL_JSON) goes with neither --patch nor another --format";
         return Err(Usage(text.into()).into());

@@ -102,7 +102,7 @@ fn unreachable(url: &str, error: &reqwest::Error) -> anyhow::Error {
     )
 }
 
-/// Remedy for a refused certificate, by the name of rustls's error.
+/// Remedy for a refused certificate. `cause` contains the name of rustls's error.
 fn advice(cause: &str) -> Option<&'static str> {
     let reason = cause.split_once("invalid peer certificate: ")?.1;
     // BadSignature: the trusted certificate has the right name and another key, e.g. from before a renewal.
@@ -123,7 +123,7 @@ fn advice(cause: &str) -> Option<&'static str> {
     )
 }
 
-/// The innermost cause: only this distinguishes a refused connection, an unknown host and an untrusted certificate.
+/// The innermost error: only its text tells a refused connection, an unknown host and an untrusted certificate apart.
 fn cause(error: &dyn std::error::Error) -> String {
     let mut innermost = error;
     while let Some(source) = innermost.source() {

@@ -70,7 +70,7 @@ fn tested(test: &SessionTest) -> String {
     text
 }
 
-/// Text about changes: first the links, then base and reflector, which change whenever the instrument stands elsewhere.
+/// Text about changes: first the links, then base and reflector, which change whenever the instrument is moved.
 fn in_words(changes: &[ChangeReport]) -> String {
     let is_of_robot = |change: &&ChangeReport| {
         !change.name.starts_with("base_") && !change.name.starts_with("target_")

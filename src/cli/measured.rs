@@ -312,8 +312,8 @@ fn join_in_words(join: &JoinBody) -> Vec<String> {
     lines
 }
 
-/// Largest offset between two clocks that show the same date, s: two days and a time zone. A larger offset means that they count from different
-/// moments.
+/// Largest offset between two clocks that show the same date, s: two days and a time zone. With a larger offset the clocks have different
+/// epochs.
 const MAX_SAME_CALENDAR_S: f64 = 200_000.0;
 
 fn clocks(offset_s: f64) -> String {

@@ -13,7 +13,7 @@ mod openapi;
 mod serve;
 mod verify_store;
 
-// What is asked of a server.
+// Commands that send requests to a server.
 mod actions;
 mod archive;
 mod client;
@@ -42,7 +42,7 @@ mod plan;
 mod predict;
 mod program;
 
-// What commands share: arguments, texts and tables.
+// Shared by the commands: arguments, texts and tables.
 mod numbers;
 mod options;
 mod remedy;
@@ -165,7 +165,7 @@ enum Command {
     Completions(completions::Arguments),
 }
 
-/// Puts a space before a list such as `-10,20,30`, which begins like an option. With the space, clap reads it as a value.
+/// Prefixes a list such as `-10,20,30` with a space, because clap would read it as an option.
 fn as_value(argument: OsString) -> OsString {
     let is_list = |text: &str| {
         let first = text.strip_prefix('-').and_then(|rest| rest.chars().next());

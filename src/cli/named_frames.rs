@@ -165,7 +165,7 @@ fn keep(kept: &Named, kind: &str, body: &impl Serialize) -> anyhow::Result<()> {
     })
 }
 
-/// The residual of each measured point, and the doubts about them.
+/// Text about the measured points: the residual of each, and the warnings.
 fn of_points(item: &Value) -> String {
     let residuals = item["residuals_mm"].as_array().into_iter().flatten();
     let residuals: Vec<String> = residuals

@@ -1,4 +1,4 @@
-//! Numbers with commas between them, on the command line.
+//! Parses comma-separated numbers on the command line.
 
 /// All numbers of a text; `None` if a part is not a finite number.
 pub fn all(text: &str) -> Option<Vec<f64>> {
@@ -6,7 +6,7 @@ pub fn all(text: &str) -> Option<Vec<f64>> {
     text.split(',').map(number).collect()
 }
 
-/// A given number of numbers.
+/// Parses exactly `N` numbers.
 pub fn exactly<const N: usize>(text: &str, what: &str) -> Result<[f64; N], String> {
     let numbers = all(text).and_then(|all| all.try_into().ok());
     numbers.ok_or_else(|| what.to_owned())

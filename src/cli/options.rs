@@ -48,7 +48,7 @@ pub struct RecordOptions {
 }
 
 impl RecordOptions {
-    /// The record, as it is stated.
+    /// The record with the stated options.
     pub fn record(&self) -> SessionRecord {
         SessionRecord {
             measured_at: self.measured_at.clone(),

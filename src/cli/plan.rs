@@ -68,7 +68,6 @@ pub struct Arguments {
     output: Output,
 }
 
-/// A plan, and the robot that it is for.
 struct PlanForRobot {
     plan: PosePlanAnswer,
     /// Name of the robot, as messages show it.
@@ -130,7 +129,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .iter()
             .map(|q| format!("{q:.4}"))
             .collect();
-        // A repeat has the number of the configuration that it repeats, so that no split separates the two.
+        // A repeat gets the number of the configuration that it repeats, so that both are always in the same subset.
         let station = match &configuration.set_up {
             Some(name) => format!(",{}", quoted(name)),
             None => String::new(),

@@ -1,4 +1,4 @@
-//! What a person is told about a program that is corrected: how it was read, and where its errors are.
+//! Messages about a program that is corrected: how it was read, and where its errors are.
 
 use super::failure::Refused;
 use super::files::{self, cannot_be_used};
@@ -9,7 +9,7 @@ use crate::wire::columns::ColumnsBody;
 use crate::wire::issue::{Invalid, Issue};
 use std::path::Path;
 
-/// Reads a program. `columns` states what the names of a table's columns do not, `rotation` what its angles mean.
+/// Reads a program. `columns` states the meaning of columns whose names do not show it; `rotation` is the convention of the angles.
 pub fn parse(
     path: &Path,
     bytes: &[u8],
@@ -20,7 +20,7 @@ pub fn parse(
     Ok(Program::parse(bytes, columns, rotation).map_err(unusable)?)
 }
 
-/// What the user has to know about how it was read.
+/// Notes for the user about how the program was read.
 pub fn notes(program: &Program) -> Vec<String> {
     let of_poses = match program.poses() {
         Poses::Quaternions => ", and the position and quaternion of each target",
@@ -42,7 +42,7 @@ pub fn notes(program: &Program) -> Vec<String> {
     notes
 }
 
-/// The lines of targets, which are counted from 0.
+/// Line numbers in the program of these targets. Targets are counted from 0.
 pub fn lines(program: &Program, targets: &[usize]) -> String {
     let of_targets = program.lines();
     let lines = targets.iter().filter_map(|target| of_targets.get(*target));

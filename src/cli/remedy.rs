@@ -1,12 +1,13 @@
-//! Remedies as options and commands. A text names its remedy in words; here are the options of a column mapping and the command for a code.
+//! Remedies as options and commands. The texts of the service describe a remedy in words. This file adds the options of a column mapping,
+//! and the command for a code.
 
 use crate::wire::suspicion::Insist;
 use serde_json::{Deserializer, Map, Value};
 
-/// What precedes a column mapping in a text.
+/// Text before a column mapping in a message.
 const MAPPING: &str = "in the column mapping: ";
 
-/// The text with options in place of each column mapping: `with --column x_mm="X (mm)"`.
+/// Replaces each column mapping in a text with options: `with --column x_mm="X (mm)"`.
 pub fn with_options(text: &str) -> String {
     let (mut found, mut rest) = (String::new(), text);
     while let Some((before, after)) = rest.split_once(MAPPING) {
@@ -25,7 +26,7 @@ pub fn with_options(text: &str) -> String {
     found + rest
 }
 
-/// The text with options, and with the command or option that does what this code asks for.
+/// Replaces column mappings in a text with options, and appends the command or option for this code.
 pub fn in_commands(code: &str, text: &str) -> String {
     let text = with_options(text);
     match command(code) {
@@ -93,7 +94,7 @@ fn options(mapping: &Map<String, Value>) -> String {
     all.join(" ")
 }
 
-/// The value of an option. Text that a shell would not take as one word is in quotes.
+/// The value of an option, in quotes if a shell would not read it as one word.
 fn argument(value: &Value) -> String {
     match value {
         Value::String(text) => {

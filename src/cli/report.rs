@@ -22,7 +22,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let of = &arguments.job;
     if let Some(file) = &arguments.html {
-        // Not a conflict of clap's: that counts KINCAL_JSON=0 as given.
+        // Not declared as a conflict in clap, because clap takes KINCAL_JSON=0 as given.
         if of.output.json {
             return Err(Usage("--html and --json exclude each other".into()).into());
         }

@@ -15,7 +15,7 @@ use clap::ValueEnum;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// Standard deviation of a direction of gravity that is stated without one, degrees. The named mountings have the same.
+/// Standard deviation of the direction of gravity if none is stated, degrees. The named mountings have the same value.
 const DEFAULT_GRAVITY_STD_DEG: f64 = 2.0;
 
 /// Robots of a server.
@@ -167,7 +167,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
 }
 
-/// Refuses the name of a subcommand after options: `kincal robots --server URL list` would look for a robot with the id `list`.
+/// Refuses the name of a subcommand after options. Without this, `kincal robots --server URL list` would look for a robot with the id
+/// `list`.
 fn refuse_name_of_command(id: Option<&str>) -> anyhow::Result<()> {
     let known = [
         "list", "show", "edit", "archive", "restore", "find", "add", "posture",

@@ -165,7 +165,7 @@ fn mounting(text: &str) -> Result<NamedMounting, String> {
     serde_json::from_value(json!(text)).map_err(|_| "floor, wall or ceiling is needed".into())
 }
 
-/// Largest plausible angle between the orientations of a real robot and its type, degrees.
+/// Largest plausible angle between the pose on the pendant and that of the model, degrees.
 const MAX_TURNED_DEG: f64 = 2.0;
 
 /// Runs one of the commands.

@@ -1,4 +1,4 @@
-//! What most commands are about: a robot, a parameter set or a job of a server, and the format of the output.
+//! The item that a command is about: a robot, a parameter set or a job of a server. Also the format of the output.
 
 use super::client::{Client, ServerArguments};
 use super::runtime::block_on;
@@ -21,7 +21,8 @@ pub struct OfRobot {
     pub output: Output,
 }
 
-/// Declares an item of a server: its name here, the part of its path between `/v1/` and its id, and the help of its id.
+/// Declares a command-line argument for an item of a server. An entry states the type's name, the part of the path between `/v1/` and the
+/// id, and the help text.
 macro_rules! item_of_a_server {
     ($(#[$about:meta])* $name:ident, $kind:tt, $help:tt) => {
         $(#[$about])*
@@ -96,7 +97,7 @@ impl OfRobot {
     }
 }
 
-/// The path of an item, or one below it. Refuses what cannot be an id, because it could lead to another path.
+/// The path of an item, or of a document below it. Refuses a text that cannot be an id, because it could lead to another path.
 pub fn item(kind: &str, id: &str, below: &str) -> Result<String, Usage> {
     Ok(format!("/v1/{kind}/{}{below}", checked(id)?))
 }

@@ -1,11 +1,11 @@
-//! Output to the terminal: text, JSON, and the escaping of texts from elsewhere.
+//! Output to the terminal: text and JSON. Text from other sources is escaped.
 
 use serde::Serialize;
 use serde_json::Value;
 use std::io::{ErrorKind, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// As `println!`, but a closed output is no failure (`kincal robots | head -1`).
+/// Like `println!`, but a closed output is no error (`kincal robots | head -1`).
 macro_rules! say {
     ($($text:tt)*) => { $crate::cli::terminal::line(format_args!($($text)*)) };
 }
@@ -81,8 +81,8 @@ pub fn is_complete() -> bool {
     !INCOMPLETE.load(Ordering::Relaxed)
 }
 
-/// Replaces control characters and changes of writing direction in a text from elsewhere, because names and messages may contain anything and the
-/// terminal must not interpret it. Line endings stay.
+/// Replaces control characters and changes of writing direction, because names and messages from other sources may contain them and the
+/// terminal must not interpret them. Line endings stay.
 pub fn plain(text: &str) -> String {
     let is_control = |c: char| {
         c != '\n'
@@ -119,7 +119,7 @@ pub fn columns(names: &[&str], rows: &[Vec<String>]) -> String {
     line(names.to_vec()) + &body
 }
 
-/// The items of a list, or the one item of an answer, as `in_words` tells them.
+/// The items of a list, or the single item of an answer, formatted by `in_words`.
 pub fn shown_items(answer: &Value, in_words: fn(&[Value]) -> String) -> String {
     match answer["items"].as_array() {
         Some(items) if items.is_empty() => "none".into(),

@@ -62,7 +62,8 @@ pub fn robot_body(row: &RobotRow) -> Result<RobotBody, Error> {
         .map_err(|error| Error::Internal(format!("robot {} cannot be read: {error}", row.id)))
 }
 
-/// Makes the functions that read a row of a robot. An entry has the documentation, the module and the row of its table, and what it is.
+/// Generates one function per entry that reads a row belonging to a robot. An entry states the doc comment, the function's name, the
+/// table's module, the row type, and the name of the item for error messages.
 macro_rules! rows_of_robots {
     ($($(#[$doc:meta])+ $name:ident: $table:ident $row:ident, $what:tt;)+) => {$(
         $(#[$doc])+

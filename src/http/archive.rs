@@ -18,7 +18,7 @@ enum Change {
     Restore,
 }
 
-/// Archives or restores an item. Returns when it was archived, if it is.
+/// Archives or restores an item. Returns the time of archiving; `None` after a restore.
 async fn apply(
     tx: &mut Tx,
     change: Change,
@@ -34,14 +34,14 @@ async fn apply(
     })
 }
 
-/// Why a job is not archived.
+/// The reason why this job cannot be archived yet; `None` if it can.
 fn still_runs(row: &JobRow) -> Option<String> {
     let status = row.status.as_str();
     (!row.status.is_over())
         .then(|| format!("the job is {status}: wait until it is over, or cancel it"))
 }
 
-/// Why a parameter set is not archived.
+/// The reason why this parameter set cannot be archived; `None` if it can.
 fn was_released(row: &ParameterSetRow) -> Option<String> {
     let status = row.status.as_str();
     let was_released = row.status != ParameterSetStatus::Candidate && row.archived_at_ms.is_none();
@@ -52,8 +52,9 @@ fn was_released(row: &ParameterSetRow) -> Option<String> {
     })
 }
 
-/// Makes the handlers. An entry has the documentation, the name, the change, the function that reads the row, its kind and the field with the id of its
-/// robot, the path and the name of its id, the tag and the id of the operation, the description and the shape of the answer, and the reason against it.
+/// Generates the handlers. An entry states, in this order: doc comment, function name, change, the function in `access` that reads the row,
+/// the kind of item and the field with its robot's id, the path and its id parameter, tag and operation id, the description and type of the
+/// answer, and optionally the function that returns a reason against the change.
 macro_rules! handlers {
     ($($(#[$doc:meta])+ $name:ident: $change:ident $row:ident $kind:ident $robot_id:ident, $path:tt $id:tt, $tag:tt $operation:tt, $what:tt $answer:ident $(unless $reason:ident)?;)+) => {$(
         $(#[$doc])+
@@ -67,7 +68,7 @@ macro_rules! handlers {
             submission: Submission,
         ) -> Result<Response, Error> {
             let mut row = access::$row(&submission.app, &submission.caller, &id).await?;
-            // in the effect: a repeated request is answered as the first one was, whatever became of the item since
+            // Checked inside `effect`, so that a repeated request gets its first answer even if the item has changed since.
             let effect = async |tx: &mut Tx| {
                 $(if let Some(detail) = $reason(&row) {
                     return Err(Error::conflict("not_archivable", detail));

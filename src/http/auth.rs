@@ -121,7 +121,7 @@ pub async fn authorize(
             let of_path = routes.iter().filter(|route| route.path == template);
             admit(&app, of_path, &method, &headers, peer).await
         }
-        // A path without a route is answered with 404.
+        // The router answers 404 to a path without a route.
         None => Ok(Caller::anonymous(RequestClass::Read)),
     };
     match admitted {

@@ -141,7 +141,7 @@ pub async fn program(
     let program = permit.run(parse);
     let program = program.await?;
     let mut body = query.body();
-    // the robot's own frames say nothing of joint targets; a work frame is refused
+    // A program of joint targets ignores the robot's own frames (`base`, `measuring`). A work frame is refused later.
     let is_own = body
         .frame
         .as_deref()
@@ -262,7 +262,7 @@ impl Stored {
     }
 }
 
-/// A name in the body that the robot does not have is wrong input, not a missing resource.
+/// Converts a 404 for a name in the body to 422: the name is invalid input, not a missing resource.
 fn unknown_name(error: Error, at: &str, what: &str, name: &str) -> Error {
     let Error::NotFound(_) = error else {
         return error;

@@ -8,7 +8,7 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use std::sync::LazyLock;
 
-/// Allows scripts, styles and requests of this server only, nothing inline, and no strings as markup.
+/// Allows only scripts, styles and requests of this server. Inline code is not allowed, and scripts cannot write strings as markup.
 const CONTENT_SECURITY_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; \
     base-uri 'none'; form-action 'none'; frame-ancestors 'none'; require-trusted-types-for 'script'; trusted-types 'none'";
 const HTML: &str = "text/html; charset=utf-8";

@@ -20,7 +20,7 @@ use utoipa::openapi::{Content, Ref, RefOr, Response, ResponseBuilder};
 /// Name of the key scheme in the document.
 const KEY_SCHEME: &str = "key";
 
-/// The server that `kincal serve` starts.
+/// The address at which `kincal serve` listens by default.
 const SERVER: &str = "http://127.0.0.1:8080";
 /// Groups of operations.
 const TAGS: &[(&str, &str)] = &[

@@ -35,7 +35,7 @@ pub enum Error {
     /// Path, query or a header cannot be read.
     #[error("{detail}")]
     BadRequest {
-        /// Stable reason.
+        /// Machine-readable code; it never changes.
         code: &'static str,
         /// What is wrong, where, and how to correct it.
         detail: String,
@@ -46,7 +46,7 @@ pub enum Error {
     /// The core cannot use the request.
     #[error("{detail}")]
     Unusable {
-        /// Stable reason, from the core.
+        /// Machine-readable code from the core; it never changes.
         code: &'static str,
         /// Description.
         detail: String,
@@ -117,7 +117,7 @@ pub enum Error {
     /// The request conflicts with the current state.
     #[error("{detail}")]
     Conflict {
-        /// Stable reason.
+        /// Machine-readable code; it never changes.
         code: &'static str,
         /// Description.
         detail: String,

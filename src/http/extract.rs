@@ -67,11 +67,11 @@ impl<S: Send + Sync> FromRequestParts<S> for Caller {
     }
 }
 
-/// A request about one item: the state of the server, who asks, and the id in the path.
+/// A request about one item: the state of the server, the caller, and the id in the path.
 pub struct Item {
     /// The state of the server.
     pub app: App,
-    /// Who asks.
+    /// The caller.
     pub caller: Caller,
     /// The id of the item, in the path.
     pub id: String,

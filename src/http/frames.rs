@@ -1,4 +1,4 @@
-//! Base and tool frame from sweeps.
+//! Base and tool frame, computed from sweeps of single joints.
 
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::{Id, Item};

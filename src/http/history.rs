@@ -68,7 +68,7 @@ pub async fn history(
     }))
 }
 
-/// The trend of the released set's errors in the jobs that scored it.
+/// The trend of the released set's errors over the jobs that scored it.
 pub(super) async fn trend(app: &App, robot_id: &str) -> Result<Trend, Error> {
     let limit_mm = policies::get(&app.store, robot_id).await?.tolerance_mm;
     let Some(active) = parameter_sets::active(&app.store, robot_id).await? else {
@@ -94,7 +94,8 @@ pub(super) async fn trend(app: &App, robot_id: &str) -> Result<Trend, Error> {
     Ok(release::trend(&scored, limit_mm))
 }
 
-/// When the points of the jobs that scored a parameter set were measured, else uploaded, in milliseconds since the epoch; of several sessions the last.
+/// Time of measurement for each job that scored a parameter set, milliseconds since the epoch: the stated time, or the time of upload. With
+/// several sessions, the latest time counts.
 pub(super) async fn session_times(
     app: &App,
     parameter_set_id: &str,

@@ -60,7 +60,8 @@ fn host(request: &Request) -> Result<Option<Authority>, Error> {
     }
 }
 
-/// Whether nothing stands beside host and port. [`Authority`] reads `127.0.0.1:80.evil.example` as the host 127.0.0.1.
+/// Whether the authority consists of a host and an optional port only. [`Authority`] alone would accept `127.0.0.1:80.evil.example` as the
+/// host 127.0.0.1.
 fn is_host_and_port(authority: &Authority) -> bool {
     let behind = authority.as_str().strip_prefix(authority.host());
     let is_port = |port: &str| {
@@ -72,7 +73,7 @@ fn is_host_and_port(authority: &Authority) -> bool {
 
 /// Checks a request to a server with `--no-auth`.
 fn loopback_only(request: &Request, host: Option<&Authority>) -> Result<(), Error> {
-    // Checks of a proxy may come without a name. What changes something names the server.
+    // Health checks of a proxy may have no `Host`. Requests that change something must have one.
     let is_read = matches!(
         *request.method(),
         Method::GET | Method::HEAD | Method::OPTIONS
@@ -81,7 +82,7 @@ fn loopback_only(request: &Request, host: Option<&Authority>) -> Result<(), Erro
         let detail = "the request has no Host header: send `Host: localhost` and the port";
         return Err(Error::bad_request("missing_host", detail));
     }
-    // The target may name a host, too: `GET http://host/path`.
+    // In absolute form, the request target contains a host too: `GET http://host/path`.
     if let Some(other) = host
         .into_iter()
         .chain(request.uri().authority())

@@ -53,7 +53,6 @@ pub async fn create(Id(robot_id): Id, submission: Submission) -> Result<Response
     Ok(answer)
 }
 
-/// Parses and checks the request body.
 fn parse_request(submission: &Submission) -> Result<JobRequestBody, Error> {
     let request: JobRequestBody = submission.json()?;
     request.check()?;
@@ -120,7 +119,7 @@ fn choose_residual(
     Ok(None)
 }
 
-/// Whether the job's points were measured anew after every session that a network was trained on.
+/// Whether the job's points are independent of every session that a network was trained on.
 fn is_independent(
     request: &CalibrationRequest,
     source: &ResidualSource,

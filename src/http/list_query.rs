@@ -56,8 +56,8 @@ pub fn checked_limit(limit: Option<u32>) -> Result<u32, Error> {
     }
 }
 
-/// Makes the query of a list that can be sorted: the common fields, and its own. A field of its own may have the value of this field in the
-/// store's request.
+/// Generates the query of a sortable list: the common fields and its own fields. `=> value` states what an own field contributes to the
+/// field of the same name in the store's request.
 macro_rules! list_query {
     ($(#[$about:meta])+ $name:ident, order: $order:tt, has_names: $has_names:tt,
      { $($(#[$meta:meta])+ $visible:vis $own:ident: $type:ty $(=> $value:expr)?,)* }) => {
@@ -82,7 +82,7 @@ macro_rules! list_query {
 
         impl $name {
             /// The store's request.
-            #[allow(unused_variables)] // a field that is not part of the request
+            #[allow(unused_variables)] // the pattern binds own fields that are not part of the request
             pub fn request(self) -> Result<ListRequest, Error> {
                 let Self { limit, cursor, archived, sort, $($own),* } = self;
                 let request = ListRequest {
@@ -170,8 +170,8 @@ list_query! {
     }
 }
 
-/// Makes the handler of a robot's list: its documentation, name, path, tag and operation, the query, the shape of an item, and the function of the
-/// store, with the kind of documents if it lists several kinds.
+/// Generates the handler of a robot's list. An entry states the doc comment, the name, the path, the tag and operation id, the query, the
+/// type of an item, and the store's function. If that function lists several kinds of documents, the entry also states the kind.
 macro_rules! list_of_robot {
     ($(#[$doc:meta])+ $name:ident: $path:tt $tag:tt $operation:tt, $query:ident $item:ident, $list:path $(, $kind:expr)?) => {
         $(#[$doc])+

@@ -121,7 +121,7 @@ struct Parsed {
 }
 
 impl Parsed {
-    /// Adds what was said of an upload that does not fit and is kept.
+    /// Adds the warning and the override of an upload that does not fit the robot but was accepted.
     fn keep(&mut self, kept: AcceptedMisfit) {
         self.warnings.push(kept.warning);
         self.insisted_on = kept.insisted_on.or(self.insisted_on);
@@ -187,7 +187,7 @@ pub async fn create(
         upload.keep(kept);
     }
     let sha256 = canonical::sha256_hex(&submission.body);
-    // a key that is limited to some robots is told nothing of the others
+    // A key that is limited to some robots must not learn about others.
     if submission.caller.robots.is_none()
         && measurement_sets::n_other_robots(&app.store, &robot_id, &sha256).await? > 0
     {
@@ -249,7 +249,6 @@ fn is_json(content_type: &str) -> bool {
         .starts_with("application/json")
 }
 
-/// Parses an upload.
 fn parse_upload(
     body: &RobotBody,
     bytes: &Bytes,

@@ -1,7 +1,7 @@
-//! The REST service: one file per resource; `routes.rs` has the table of all routes. A handler is four moves: extract, convert, one call,
-//! answer. `connection` has what happens below a request.
+//! The REST service: one file per resource; `routes.rs` has the table of all routes. A handler extracts its input, converts it, makes one
+//! call and answers. `connection` handles TCP, TLS and timeouts, below the requests.
 
-// What happens below a request, and the table of routes with the contract that is made from it.
+// Connections, and the table of routes. The OpenAPI document is made from this table.
 mod connection;
 mod document;
 mod document_examples;
@@ -11,7 +11,7 @@ mod route;
 mod router;
 mod routes;
 
-// What every request passes, and what every handler uses.
+// Middleware of every request, and what all handlers share.
 mod access;
 mod app;
 pub mod auth;

@@ -77,13 +77,13 @@ fn first_refusal(row: &OverviewRow, of_set: Vec<VerificationRow>) -> Result<Opti
     let Some(identified) = identified.into_iter().next() else {
         return Ok(None);
     };
-    // with 0 no session is too old: its age is not looked up here, so that it never refuses
+    // `since` is 0: the ages of the points are not read here, and with 0 no session counts as outdated, so this cannot cause a refusal.
     let sessions = sessions.into_iter();
     let sessions: Vec<_> = sessions
         .map(|facts| session(identified.frame, 0, facts))
         .collect();
     let body: RobotBody = serde_json::from_str(&row.body_json)?;
-    // an older version may have stored a robot that is refused today
+    // A robot that an older version stored may fail today's checks.
     let Ok(robot) = Robot::try_from(&body) else {
         return Ok(None);
     };

@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 const ROBOT: &str = include_str!("../../data/paper/robot.json");
 const SWEEPS: &str = include_str!("../../data/paper/sweeps_instrument.csv");
-/// Every fourth pose of the sweeps: at least five of each joint, which is the minimum.
+/// Takes every fourth pose of the sweeps. Each joint then has at least five poses, the minimum.
 const SWEEP_STEP: usize = 4;
 
 /// Joint values of the examples, degrees, and where the reflector was measured, mm.

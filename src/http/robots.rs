@@ -126,7 +126,7 @@ fn links_stay(error: Error) -> Error {
     responses((status = 200, description = "The robot", body = RobotAnswer))
 )]
 pub async fn checked(Id(robot_id): Id, submission: Submission) -> Result<Response, Error> {
-    // of an archived robot too: its active set can be rolled back
+    // Archived robots are allowed, because a rollback is possible on them too.
     access::robot(&submission.app, &submission.caller, &robot_id).await?;
     let reason = submission.reason()?;
     let by = &submission.caller.holder;

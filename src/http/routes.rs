@@ -174,7 +174,7 @@ mod tests {
     #[test]
     fn requests_of_the_scope_read_take_no_permits_of_writes() {
         for route in ROUTES {
-            // An import reads its body and stores nothing.
+            // An import has a body but stores nothing.
             let only_reads = matches!(route.scope, None | Some(Scope::Read))
                 || route.path == "/v1/robot-imports";
             let is_read = matches!(

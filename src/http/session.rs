@@ -21,13 +21,14 @@ pub async fn sign_in(
     caller: Caller,
     headers: HeaderMap,
 ) -> Result<Response, Error> {
-    // Signed in already, or no keys at all: there is nothing to set.
+    // With `--no-auth`, or if the browser is signed in by its cookie, no session is needed.
     if app.no_auth || bearer(&headers)?.is_none() {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
     let token = new_token()?;
     let mut tx = app.store.begin().await?;
-    // in this order, so that two browsers with sessions that have ended do not wait for each other
+    // `begin` comes first: it deletes all ended sessions. If each request deleted its own session first, two requests with ended sessions
+    // could deadlock.
     browser_sessions::begin(&mut tx, &token.sha256, &caller.holder).await?;
     end_session(&mut tx, &headers).await?;
     tx.commit().await?;

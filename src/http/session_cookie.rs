@@ -1,8 +1,9 @@
 //! The cookie of a signed-in browser, so that links and new tabs stay signed in.
 //!
-//! Its value is a random token. The database has the token's SHA-256 and the id of the key, so a copy of the database makes no session, and every node
-//! knows it. The key is looked up at each request. The cookie is `HttpOnly`: no script reads it. It is sent to `/v1` only. The session ends with
-//! sign-out, with the revocation of the key, or at its age ([`crate::store::browser_sessions::MAX_AGE_MS`]); the browser forgets it when it closes.
+//! Its value is a random token. The database has only the token's SHA-256 and the id of the key, so a copy of the database does not give
+//! access, and every node accepts the cookie. The key is looked up at each request. The cookie is `HttpOnly`: no script reads it. It is
+//! sent to `/v1` only. The session ends when the user signs out, when the key is revoked, or at its maximum age
+//! ([`crate::store::browser_sessions::MAX_AGE_MS`]). The browser deletes the cookie when it closes.
 //!
 //! Browsers send cookies by themselves, so a page of another origin could use one. Three things prevent this: `SameSite=Strict`; the header
 //! [`SESSION_HEADER`] on every request that changes something (a page of another origin needs a preflight request for this header, and the server

@@ -46,29 +46,30 @@ pub struct JobInputs {
     pub sources: Vec<MeasurementSetInput>,
     /// The references that the sets name, with their content in JSON.
     pub references: Vec<NamedDocumentRow>,
-    /// The robot's uploads with which the points are compared, if they were read ([`JobInputs::with_known_uploads`]). Points that repeat an earlier upload
-    /// are as old as that upload.
+    /// The robot's uploads that the job's points are compared with, if they were read ([`JobInputs::with_known_uploads`]). Points that
+    /// repeat an earlier upload are as old as that upload.
     pub known: KnownUploads,
 }
 
-/// Uploads with which a job's points are compared: those before the job's own, and those from before the robot's last session that did not fit.
+/// Uploads that a job's points are compared with: those before the job's own uploads, and those before the robot's last session that did
+/// not fit.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct KnownUploads {
     /// Number of that session in the robot's counter; 0 if there is none.
     pub check_seq: i64,
-    /// Number in the audit chain of each of the job's own uploads, in their order; 0 if it is unknown.
+    /// For each of the job's own uploads, in order: its number in the audit chain; 0 if unknown.
     pub own_seq: Vec<i64>,
     /// The uploads, oldest first.
     pub uploads: Vec<(KnownUpload, MeasurementSetInput)>,
-    /// True if it cannot be decided whether the points repeat an upload from before that session: nobody has explained the session, and the robot has more
-    /// uploads or points than the limits below. Then only the newest are compared.
+    /// True if it cannot be decided whether the points repeat an upload from before that session. This is so if nobody has explained the
+    /// session and the robot has more uploads or points than the limits below. Then only the newest uploads are compared.
     pub is_undecided: bool,
-    /// For a check: whether another kind of job has used its upload, or its upload is not among those that are compared.
+    /// For a check: whether a job of another kind has used its upload, or its upload is too old to be among those that are compared.
     pub is_own_used: bool,
 }
 
-/// Limits on the uploads with which a job's points are compared, and on their points: some hundred MB. If there are more, no session can end the state
-/// `check_robot`; a person has to end it (`POST /v1/robots/{id}/checked`).
+/// Limits on the uploads, and on their points, that a job's points are compared with: together some hundred MB of memory. For a robot above
+/// these limits, no session can end the state `check_robot`; a person has to end it (`POST /v1/robots/{id}/checked`).
 const MAX_KNOWN: usize = 500;
 const MAX_KNOWN_POINTS: i64 = 500_000;
 
@@ -99,20 +100,20 @@ pub struct MeasurementSetInput {
 }
 
 impl JobInputs {
-    /// Names columns of the fitted sets that are not read and may say which reflector or set-up a row is of.
+    /// Names the columns of the fitted sets that are not read although they may identify the reflector or the set-up of a row.
     pub fn unread_labels(&self) -> Option<String> {
         let mut sets = self.sets.iter();
         sets.find_map(|set| set.stated_reading()?.unread_labels())
     }
 
-    /// When the session was measured, if its upload states it; of several sessions, that of the last one.
+    /// Stated time of measurement; with several sessions, that of the last one.
     pub fn measured_at(&self) -> Option<String> {
         self.sets.last()?.stated_reading()?.record?.measured_at
     }
 }
 
 impl MeasurementSetInput {
-    /// How the upload was interpreted. One that cannot be parsed fails the job when its points are parsed.
+    /// How the upload was interpreted. `None` if this cannot be parsed; the job then fails when its points are parsed.
     fn stated_reading(&self) -> Option<Reading> {
         let reading = self.row.reading_json.as_deref()?;
         serde_json::from_str(reading).ok()

@@ -68,7 +68,7 @@ pub struct ParsedEvidence {
     pub identification_seq: i64,
     /// Age of the separate upload that the identification verified on; 0 for none.
     pub verify_set_seq: i64,
-    /// Whether that upload does not show the robot as it is now.
+    /// Whether that upload is older than the last event after which the robot may have changed.
     is_verify_set_outdated: bool,
     /// Age of the points that the set was identified from.
     pub points_seq: i64,
@@ -80,7 +80,8 @@ pub struct ParsedEvidence {
     pub active: Option<ParameterSetContent>,
     /// The points that the active set was identified from.
     active_points: Vec<MeasurementSet>,
-    /// Whether the active set was identified from the same points, as far as is known. It may then have been fitted to the points held out here.
+    /// Whether the active set was identified from the same points, as far as this is known. The points held out for this set may then have
+    /// been fitted by the active one.
     is_active_of_same_points: bool,
     /// Every session on which the set was scored, in order.
     pub sessions: Vec<Session>,
@@ -224,7 +225,7 @@ pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Unread
 }
 
 fn unscored(later: LaterSession) -> std::result::Result<UnscoredSession, Unreadable> {
-    // reports of older versions have no summary
+    // Reports of older versions have no summary.
     let has_changed = match later.summary_json.as_str() {
         "" => later.is_unusable,
         text => later.is_unusable || has_changed(&parsed(text)?),
@@ -245,7 +246,8 @@ pub async fn scored_sessions(store: &Store, set: &ParameterSetRow) -> Result<Vec
     let (sessions, identified): (Vec<_>, Vec<_>) = rows
         .into_iter()
         .partition(|row| row.found.kind == VerificationKind::Session);
-    // without facts of the identification, a session in the frame of the instrument is taken to hide the base
+    // If the facts of the identification are missing, the frame `base` is assumed: a session in the instrument's frame then counts as one
+    // that hides the base.
     let frame = identified.first().map_or(Frame::Base, |row| row.frame);
     let sessions = sessions.into_iter();
     Ok(sessions.map(|row| session(frame, since, row)).collect())
@@ -297,10 +299,10 @@ impl ParsedEvidence {
         }
     }
 
-    /// The points for the comparison with the active set where no session can serve.
+    /// The points for the comparison with the active set if no session can be used.
     pub fn held_out_points(&self) -> HeldOutPoints {
         match self.active {
-            // an old session shows nothing of the robot as it is now
+            // An outdated session does not show the robot as it is now.
             Some(_) if self.is_verify_set_outdated => HeldOutPoints::None,
             Some(_) => held_out_points(
                 &self.identification,

@@ -221,7 +221,7 @@ pub fn run_calibration(
 ) -> Result<Calibrated, JobFailure> {
     let mut calibrated = run_timed(&|monitor| calibrate(request, monitor), progress)?;
     if request.refused_as.is_some() {
-        // later jobs would start from it without a word
+        // A later job could start from this network without any hint that its upload was insisted on.
         calibrated.network = None;
     }
     Ok(calibrated)

@@ -12,7 +12,6 @@ use super::progress::{Cancellations, JobSignals};
 use crate::store::{Conflict, Error, Lease, Store, leases};
 use crate::wire::job_answer::ProgressAnswer;
 
-/// Stage of a pool's shutdown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum ShutdownStage {
     /// Not shutting down.
@@ -30,9 +29,7 @@ pub(super) enum ShutdownStage {
 pub(super) enum Stop {
     /// Cancellation of the job was requested.
     Cancelled,
-    /// The service shuts down.
     ShuttingDown,
-    /// The lease is lost.
     LeaseLost,
     /// The attempt exceeded its longest duration.
     TooLong,
@@ -201,7 +198,7 @@ impl Renewal {
     }
 }
 
-/// Resolves when the shutdown has shutdown_reached this stage.
+/// Resolves when the shutdown has reached this stage.
 pub(super) async fn shutdown_reached(
     drain: &mut watch::Receiver<ShutdownStage>,
     stage: ShutdownStage,

@@ -1,5 +1,5 @@
-//! When a job's own points were measured, as far as the robot's other uploads show it: in which upload they appeared first, and whether that was before
-//! the robot's last session that did not fit.
+//! Finds out when a job's own points were measured, as far as the robot's other uploads show it: in which upload the points appeared first,
+//! and whether that upload is older than the robot's last session that did not fit.
 
 use crate::calibration::{CalibrationRequest, RepeatedRows};
 use crate::jobs::JobInputs;
@@ -24,11 +24,11 @@ struct Own<'a> {
     points: &'a MeasurementSet,
 }
 
-/// What the known uploads show of one of the job's own.
+/// Result of comparing one of the job's own uploads with the known uploads.
 struct Found {
     /// Number in the audit chain of the upload in which its points appeared first.
     measured_seq: i64,
-    /// Whether it is, or repeats, one of the uploads that it must not repeat.
+    /// Whether this upload repeats an upload that it must not repeat, or is itself one of those: see [`measured_since`].
     is_repeat: bool,
 }
 
@@ -37,7 +37,7 @@ struct Found {
 pub(super) fn measured_since(inputs: &JobInputs, request: &CalibrationRequest) -> MeasuredSince {
     let is_check = inputs.job.kind == Kind::Check;
     let known = &inputs.known;
-    // an upload that this version cannot read any more is compared with nothing
+    // Uploads that this version can no longer parse are left out of the comparison.
     let n_joints = request.robot.links.len();
     let parsed = known.uploads.iter().filter_map(|(upload, input)| {
         let points = input.parse(n_joints).ok()?;
@@ -90,10 +90,10 @@ fn compare(robot: &Robot, own: &Own<'_>, known: &[Known<'_>], is_check: bool) ->
         (0..others.len()).filter(|i| counts(others[*i])).collect()
     };
     let mut itself = known.iter().filter(|other| is_itself(other));
-    // few points that cannot be compared are still a copy if the bytes are the same
+    // A file with the same bytes is a copy even if it has too few points to compare.
     let has_same_bytes = |other: &Known<'_>| is_earlier(other) && other.sha256 == own.sha256;
     let copied = indices(&has_same_bytes).into_iter();
-    // the uploads are in the order in which they came
+    // The known uploads are sorted by age, so the smallest index is the oldest.
     let first = copied.chain(repeated.first(indices(&is_earlier))).min();
     Found {
         measured_seq: first.map_or(own.uploaded_seq, |i| others[i].upload.uploaded_seq),

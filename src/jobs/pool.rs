@@ -121,7 +121,8 @@ async fn work(store: Store, context: WorkerContext) {
     let mut drain = context.drain.subscribe();
     while *drain.borrow() == ShutdownStage::Running {
         match run_next_job(&store, &context).await {
-            // Continues at once if another job is queued. Asks by a read, because a claim takes the database's writer even if there is no job.
+            // Continues at once if another job is queued. A read finds this out, because a claim takes the database's only writer even if
+            // no job is queued.
             Ok(Some(_)) if jobs::any_queued(&store).await.unwrap_or(true) => {}
             Ok(_) => {
                 tokio::select! {

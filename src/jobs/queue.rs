@@ -94,7 +94,7 @@ async fn finish(tx: &mut Tx, lease: &Lease, outcome: &JobOutcome) -> Result<()> 
     Ok(())
 }
 
-/// Fails a job. If its points do not fit one robot, that is a fact about the robot.
+/// Fails a job. If the reason is that its points do not fit one robot, this is also recorded as a fact about the robot.
 async fn fail(tx: &mut Tx, lease: &Lease, problem: &Problem) -> Result<()> {
     robots::lock_of_job(tx, &lease.job_id).await?;
     let check_seq = verifications::check_of_job(tx, &lease.job_id)

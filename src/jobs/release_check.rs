@@ -120,7 +120,7 @@ struct GateInputs {
     approver: KeyHolder,
     /// Code of the suspicion that was overridden with `insist`, for an upload on which its held values or its residual network are based.
     insisted_source: Option<String>,
-    /// A withdrawn parameter set whose values it holds, or that says the same of the same points.
+    /// A withdrawn parameter set whose values this set holds, or which is equivalent to this set ([`says_the_same`]).
     withdrawn_source: Option<WithdrawnSource>,
 }
 
@@ -153,7 +153,7 @@ pub async fn check(
     }
     let n_withdrawn = withdrawals::count(store, &row.robot_id).await?;
     let held_withdrawn = withdrawals::held(store, &job.id).await?;
-    // a set that was released before is not compared: a rollback may go back to one with the same values
+    // A set that was released before is not compared, because a rollback may return to a set with the same values.
     let withdrawn = match row.status {
         ParameterSetStatus::Candidate => {
             withdrawals::of_robot(store, &row.robot_id, MAX_WITHDRAWN).await?
@@ -249,11 +249,11 @@ async fn key_holder(store: &Store, id: String) -> store::Result<KeyHolder> {
     Ok(KeyHolder { id, name })
 }
 
-/// Share of a set's error on its verify points by which the tool of two sets may differ while they say the same.
+/// Two sets are equivalent if their tool positions differ by at most this share of the set's error on its verify points.
 const SAME_TOOL: f64 = 0.1;
 
-/// The withdrawn set that has the same values as this one, or moves the tool to the same places and was identified from the same points, if there is
-/// one. `points_seq` are the ages of the points of the withdrawn sets.
+/// Id of the withdrawn set that is equivalent to this one, if there is one: it has the same values, or it was identified from the same
+/// points and places the tool equally. `points_seq` has the age of the points of each withdrawn set.
 fn says_the_same(
     parsed: &ParsedEvidence,
     withdrawn: &[WithdrawnSet],
@@ -317,8 +317,8 @@ async fn compare(
     Ok(comparisons)
 }
 
-/// The first later session on which the set was not scored. Copies of the set's own upload are left out; if all that were read are copies, others may
-/// not have been read, and the last one counts. Reads one upload at a time.
+/// The first later session on which the set was not scored. Copies of the set's own upload are skipped. If the limit was reached and all
+/// sessions read are copies, the last one counts, because others may not have been read. Reads one upload at a time.
 async fn unscored_session(
     store: &Store,
     permit: &(impl Clone + Send + 'static),
@@ -390,7 +390,7 @@ fn run_gates(
     }))
 }
 
-/// A stated serial number that contradicts the robot's. If there is none, the serial number that all sets state.
+/// The first stated serial number that contradicts the robot's. If there is none, the serial number that all sets state.
 fn stated_serial_number<'a>(
     sets: &'a [MeasurementSetRow],
     of_robot: Option<&str>,

@@ -77,7 +77,7 @@ pub(super) fn requests_of(
     Ok((posted, request))
 }
 
-/// The scale of the instrument from the reference that the set names; of several sessions, that with the largest error.
+/// The scale of the instrument from the reference that the set names. With several sessions, the scale with the largest error counts.
 fn instrument_scale(inputs: &JobInputs) -> Result<Option<InstrumentScale>, JobFailure> {
     let mut scales = Vec::new();
     for row in &inputs.references {

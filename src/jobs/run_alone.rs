@@ -24,7 +24,7 @@ pub(super) struct RunAlone {
 /// Permit to run a job in this process.
 #[derive(Debug)]
 pub(super) enum Permit {
-    /// The job runs beside other jobs.
+    /// The job runs together with other jobs.
     Shared(#[allow(dead_code, reason = "held")] OwnedRwLockReadGuard<()>),
     /// The job runs alone.
     Alone(#[allow(dead_code, reason = "held")] OwnedRwLockWriteGuard<()>),
@@ -39,7 +39,7 @@ impl RunAlone {
         }
     }
 
-    /// Waits for a permit to run beside other jobs. While a suspect runs or is due, no such permit is given.
+    /// Waits for a permit to run together with other jobs. No such permit is given while a suspect runs or is due.
     pub(super) async fn shared(&self) -> Permit {
         Permit::Shared(Arc::clone(&self.jobs).read_owned().await)
     }
@@ -66,7 +66,6 @@ impl RunAlone {
             .is_some_and(|since| since.elapsed() >= self.suspect_wait)
     }
 
-    /// Records that a suspect was run.
     pub(super) fn suspect_was_run(&self) {
         *self.since() = None;
     }

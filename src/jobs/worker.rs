@@ -113,7 +113,7 @@ async fn claim(
         return Ok(None);
     };
     let until = Instant::now() + context.lease;
-    // Commits before the computation: otherwise a job that kills its process would be tried again without end.
+    // Commits before the computation. Otherwise a job that kills its process would be retried without end.
     tx.commit().await?;
     tracing::info!(
         job_id = job.id,
@@ -183,7 +183,6 @@ struct Unresponsive {
     begun: Instant,
 }
 
-/// Result of a computation.
 type Computed = std::result::Result<JobOutcome, JobFailure>;
 
 impl Attempt<'_> {

@@ -121,7 +121,7 @@ pub fn compensate(
     Ok(answer.with_poses())
 }
 
-/// The tool of an identified target. Of a reflector only the position is known: its tool is oriented as the flange is.
+/// The tool at an identified target. If only the position of the target is known, the tool has the flange's orientation.
 fn identified_tool(
     content: &ParameterSetContent,
     identified: &KinematicModel,
@@ -143,7 +143,7 @@ fn identified_tool(
 struct Answer {
     document: CompensateAnswer,
     poses: Vec<ToolPose>,
-    /// Targets that are reached far from their `q_near_deg`.
+    /// Targets whose solution is far from their `q_near_deg`.
     far: Vec<usize>,
 }
 
@@ -210,10 +210,10 @@ impl Answer {
 struct TargetFrame {
     /// Pose of the targets' frame in the frame in which the corrected targets are exact (see [`Base`]).
     t_base_frame: IsometryMatrix3<f64>,
-    /// Pose of the frame of the answered poses in the controller's base frame.
+    /// Pose of the frame of the poses in the answer, in the controller's base frame.
     t_base_answer: IsometryMatrix3<f64>,
     work_frame: Option<WorkFrame>,
-    /// Doubt about the points of a measured work frame.
+    /// Warning about the points of a measured work frame.
     doubt: Option<Warning>,
 }
 
@@ -302,8 +302,8 @@ fn warnings(request: &CompensateBody, provenance: &Provenance, n_links: usize) -
     told.into_iter().chain(scale.cloned()).collect()
 }
 
-/// Warning that positions of a reflector that was held at the flange do not show its length.
-/// The exception are Cartesian targets of the reflector itself, which do not depend on where the flange is.
+/// Warning that positions do not show the length of a reflector that was held at the flange. It does not apply to Cartesian targets of the
+/// reflector itself, which do not depend on the position of the flange.
 fn reflector_length(
     request: &CompensateBody,
     identified: &KinematicModel,

@@ -40,8 +40,8 @@ fn right_angle(rad: f64) -> f64 {
     }
 }
 
-/// The angle in degrees that a text in radians means, with as few decimals as the text's own digits determine: 2.9671 is 170°. A text with fewer than
-/// [`MIN_DECIMALS`] decimals counts as if it had these.
+/// The angle in degrees for a text in radians, with as few decimals as the digits of the text determine: 2.9671 is 170°. A text with fewer
+/// than [`MIN_DECIMALS`] decimals is treated as if it had that number.
 pub fn degrees_of_rad(text: &str) -> Option<f64> {
     let rad: f64 = text.parse().ok()?;
     let deg = rad.to_degrees();
@@ -59,9 +59,9 @@ pub fn degrees_of_rad(text: &str) -> Option<f64> {
     Some(found.unwrap_or(deg) + 0.0)
 }
 
-/// Fewest decimals of an angle in radians; one step is 0.6°.
+/// Minimum number of decimals of an angle in radians; one step is 0.6°.
 const MIN_DECIMALS: usize = 2;
-/// Further decimals are rounding of floats.
+/// Maximum number of decimals; further ones are rounding of floats.
 const MAX_DECIMALS: usize = 13;
 
 fn power_of_ten(n: usize) -> f64 {
@@ -103,7 +103,7 @@ mod tests {
         ] {
             assert_eq!(degrees_of_rad(rad), Some(deg), "{rad}");
         }
-        // all digits of a text that states more than rounding
+        // All digits of a text that are more than rounding are used.
         assert_eq!(degrees_of_rad("2.967100000"), Some(170.002_307_4));
         assert_eq!(degrees_of_rad("two"), None);
     }

@@ -1,5 +1,5 @@
-//! Tables of link parameters. A CSV is read as measurement files are: any encoding, separator and decimal mark, comments, and units in the names of
-//! columns or below them.
+//! Tables of link parameters. A CSV is read like a measurement file: any encoding, separator and decimal mark, comments, and units in the
+//! names of columns or below them.
 
 use crate::kinematics::Link;
 use crate::kinematics::model::MAX_LINKS;
@@ -146,7 +146,7 @@ pub fn table(bytes: &[u8]) -> Result<Table, Invalid> {
     }
 }
 
-/// Columns whose numbers no arm has in their unit.
+/// The issues of columns whose numbers are impossible in their unit.
 fn other_units(columns: &[Column], links: &[Link]) -> Vec<Issue> {
     let with = |quantity: &str, unit: &str| {
         let is_it =
@@ -184,12 +184,13 @@ impl Numbers {
         }
     }
 
-    /// The issue of a row whose number does not follow the one before. Cells that are not whole numbers are names, and any names are allowed.
+    /// The issue of a row whose number is not one more than that of the row before. Cells that are not whole numbers are names, and all
+    /// names are allowed.
     fn out_of_order(&mut self, line: usize, cells: &csv::StringRecord) -> Option<Issue> {
         let (place, name) = self.column.as_ref()?;
         let number: usize = cells.get(*place)?.trim().parse().ok()?;
         if number > MAX_LINKS {
-            return None; // something else, such as the ratio of a gear (i)
+            return None; // a column for something else, such as a gear ratio (i)
         }
         let before = self.before.replace(number)?;
         (number != before + 1).then(|| Issue {
@@ -250,7 +251,7 @@ fn not_a_number(text: &str) -> String {
     format!("{text:?} is not a number{remedy}")
 }
 
-/// The names by which the header of a table is found.
+/// The names by which the header of a table is recognised.
 fn header_names() -> Mapping {
     let units = [
         "", "_mm", "_m", "_deg", "_rad", " [mm]", " [m]", " [deg]", " [rad]", " [°]", " (mm)",

@@ -1,14 +1,15 @@
-//! Numbers of a table of link parameters that no arm has in the unit of their column: radians under degrees, metres under millimetres.
+//! Finds numbers in a table of link parameters that are impossible in the unit of their column: radians in a column in degrees, metres in a
+//! column in millimetres.
 
 use crate::kinematics::Link;
 use crate::wire::issue::Issue;
 use std::f64::consts::FRAC_PI_2;
 
-/// Largest difference of a rounded multiple of π/2 from its value (1.57).
+/// Largest difference between a rounded multiple of π/2 (1.57) and its exact value.
 const ROUNDED: f64 = 1e-3;
-/// Minimum number of links of an arm whose reach is judged.
+/// Minimum number of links for judging the reach.
 const MIN_LINKS: usize = 3;
-/// No arm is so short, mm.
+/// Smallest plausible reach of an arm, mm.
 const MIN_REACH_MM: f64 = 10.0;
 
 /// The issue of a column in degrees whose numbers are all multiples of π/2. `column` is its name, `radians` the name with the other unit.
@@ -29,7 +30,7 @@ pub fn radians_under_degrees(column: &str, radians: &str, degrees: &[f64]) -> Op
     })
 }
 
-/// The issue of lengths in millimetres that give no arm.
+/// The issue of lengths in millimetres that are too small for an arm.
 pub fn metres_under_millimetres(column: &str, links: &[Link]) -> Option<Issue> {
     let reach_mm: f64 = links
         .iter()

@@ -88,7 +88,8 @@ fn too_little_room(request: &PosePlanBody, error: &TooLittleRoom) -> Invalid {
     )
 }
 
-/// Warns of a plan that a job cannot identify from. What was measured already may be fitted together with it.
+/// Warns if a job cannot identify from the plan. Gives no warning if earlier measurements are named, because they can be fitted together
+/// with it.
 fn warnings(request: &PosePlanBody, plan: &Plan) -> Vec<Warning> {
     if !request.measured.is_empty() {
         return vec![];
@@ -110,7 +111,7 @@ fn warnings(request: &PosePlanBody, plan: &Plan) -> Vec<Warning> {
         "{n_configurations} different configurations give {} equations, and the parameters have {} independent combinations",
         plan.n_equations, plan.n_combinations
     );
-    // of which the half that is fitted is enough
+    // Half of them are fitted, and that half must be sufficient.
     let n_enough = 2 * n_needed;
     if n_configurations < n_needed {
         let detail = format!(
@@ -166,7 +167,7 @@ fn answer(request: &PosePlanBody, plan: &Plan) -> PosePlanAnswer {
     }
 }
 
-/// The largest mean and the largest value of all set-ups; they may be of different ones.
+/// The largest mean and the largest maximum of all set-ups; the two may be from different set-ups.
 fn of_all_set_ups(predicted: &[ToolUncertainty]) -> ToolUncertaintyReport {
     let largest =
         |value: fn(&ToolUncertainty) -> f64| predicted.iter().map(value).fold(0.0, f64::max);
@@ -176,7 +177,7 @@ fn of_all_set_ups(predicted: &[ToolUncertainty]) -> ToolUncertaintyReport {
     })
 }
 
-/// The points of each station. The base may have been elsewhere in each.
+/// The points of each station. Each station may have another base.
 fn of_each_station(robot: &Robot, set: &MeasurementSet) -> Vec<Vec<Observation>> {
     let observation = |point: &Point| Observation {
         rotation: point.rotation.map(|rotation| MeasuredRotation {

@@ -12,7 +12,7 @@ use std::f64::consts::PI;
 const NOT_UNIQUE: f64 = 1.745e-5;
 /// Tolerance of the joint limits, degrees: a pendant rounds joint values to two decimals.
 const ROUNDED_DEG: f64 = 0.01;
-/// Largest plausible distance between a real robot and its type at the flange, as a share of the flange's distance from the base.
+/// Largest plausible distance between the flanges of a real robot and of its type, as a share of the flange's distance from the base.
 pub const MAX_APART: f64 = 0.02;
 
 /// Computes the pose of the flange or of a tool with the nominal links, in the base frame, for the controller's joint values.
@@ -71,7 +71,7 @@ fn apart_deg(a: &Rotation3<f64>, b: &Rotation3<f64>) -> f64 {
     rotation_vector(&(a.inverse() * b)).norm().to_degrees()
 }
 
-/// The joints, counted from 1, of which half a turn moves the position by less than [`MAX_APART`] of its distance from the base.
+/// Joints, counted from 1, that are not checked: half a turn moves the position by less than [`MAX_APART`] of its distance from the base.
 fn unchecked_joints(q_rad: &[f64], t_at: &dyn Fn(&[f64]) -> IsometryMatrix3<f64>) -> Vec<usize> {
     let position = t_at(q_rad).translation.vector;
     let is_unchecked = |joint: &usize| {
@@ -89,7 +89,7 @@ fn yaw_pitch_roll(r: &Matrix3<f64>) -> ([f64; 3], bool) {
     let across = libm::sqrt(r[(2, 1)] * r[(2, 1)] + r[(2, 2)] * r[(2, 2)]);
     let pitch = libm::atan2(-r[(2, 0)], across);
     if across < NOT_UNIQUE {
-        // With yaw = 0: R = Ry(±90°)·Rx(roll). Roll contains the whole rotation.
+        // With yaw = 0, R = Ry(±90°)·Rx(roll): roll contains the whole rotation.
         let roll = libm::atan2(-r[(1, 2)], r[(1, 1)]);
         return ([0.0, pitch, roll], true);
     }

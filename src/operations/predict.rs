@@ -6,8 +6,8 @@ use crate::wire::issue::Invalid;
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::predict::{PredictAnswer, PredictBody, unknown_target};
 
-/// Predicts the positions of a target with the joint map, the identified links, the corrections and the pose of the base in the measuring frame. If
-/// there is an estimate, it gives the uncertainty of the positions, with the corrections that they contain.
+/// Predicts the positions of a target with the joint map, the identified links, the corrections and the pose of the base in the measuring
+/// frame. With an estimate, also the uncertainty of the positions, including that of the corrections.
 ///
 /// # Errors
 /// [`Invalid`] for poses that do not fit the robot, or a target that the set does not have.

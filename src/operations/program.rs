@@ -1,5 +1,4 @@
-//! A program with joint or Cartesian targets, as a table: reads it, and writes it again with corrected targets. Everything else stays as it is, to the
-//! byte.
+//! A program with joint or Cartesian targets, as a table. Reads it, and writes it with corrected targets; all other bytes stay unchanged.
 
 use crate::measurement::Decimal;
 use crate::measurement::columns::mapping::Separator;
@@ -27,12 +26,12 @@ pub enum ProgramTarget {
     Cartesian(CartesianTarget),
 }
 
-/// What the Cartesian targets of a program have.
+/// The components of a program's Cartesian targets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Poses {
-    /// Its targets are joint values.
+    /// None: the targets are joint values.
     None,
-    /// Positions alone.
+    /// Positions only.
     Positions,
     /// Positions and quaternions.
     Quaternions,
@@ -40,7 +39,7 @@ pub enum Poses {
     Angles,
 }
 
-/// A target, and where its numbers are in the text.
+/// A target, and the places of its numbers in the text.
 #[derive(Clone, Debug)]
 struct Place {
     target: ProgramTarget,
@@ -57,7 +56,7 @@ struct Place {
 struct Angles {
     places: [Range<usize>; 3],
     convention: RotationConvention,
-    /// What the program has.
+    /// The angles in the program.
     angles_rad: Vector3<f64>,
 }
 
@@ -81,11 +80,12 @@ pub struct Program {
 }
 
 impl Program {
-    /// Reads a program. `columns` states what the names of a table's columns do not, and `rotation` what the angles of Cartesian targets mean.
+    /// Reads a program. `columns` states the meaning of columns whose names do not show it, and `rotation` is the convention of the angles
+    /// of Cartesian targets.
     ///
     /// # Errors
-    /// [`Invalid`] with the line and column of each error, for a table without joint targets, for angles without a convention, and for a robot program:
-    /// which of its points are targets, and of which tool, its text does not say.
+    /// [`Invalid`] with the line and column of each error, for a table without joint targets, for angles without a convention, and for a
+    /// robot program, because its text does not say which of its points are targets and of which tool.
     pub fn parse(
         bytes: &[u8],
         columns: &ColumnsBody,
@@ -197,7 +197,7 @@ impl Program {
         })
     }
 
-    /// The program for a robot of `n` joints. The values of further joints, such as those of a rail, stay as they are.
+    /// The program for a robot of `n` joints. Values of further joints, such as those of a rail, stay unchanged.
     pub fn of_joints(mut self, n: usize) -> Self {
         self.joints.truncate(n);
         for place in &mut self.places {
@@ -216,7 +216,7 @@ impl Program {
         places.map(|place| place.target.clone()).collect()
     }
 
-    /// What its Cartesian targets have.
+    /// The components of its Cartesian targets.
     pub fn poses(&self) -> Poses {
         match self.places.first() {
             Some(place) if place.quaternion.is_some() => Poses::Quaternions,
@@ -231,7 +231,7 @@ impl Program {
         self.places.iter().map(|place| place.line).collect()
     }
 
-    /// The requests `body` for the targets of this program, each with the number of its first target. A long program takes several.
+    /// Requests like `body` for the targets of this program, each with the number of its first target. A long program needs several.
     pub fn requests(&self, body: &CompensateBody) -> Vec<(usize, CompensateBody)> {
         let parts = self.places.chunks(MAX_TARGETS_PER_REQUEST).enumerate();
         let request = |(i, part): (usize, &[Place])| {
@@ -247,13 +247,14 @@ impl Program {
         parts.map(request).collect()
     }
 
-    /// The issues of a request for its targets, with lines and columns of the program in place of pointers. `first` is the first target of the request.
+    /// Converts the issues of a request for these targets: pointers become lines and columns of the program. `first` is the first target of
+    /// the request.
     pub fn placed(&self, issues: &[Issue], first: usize) -> Vec<Issue> {
         let mut placed: Vec<Issue> = issues
             .iter()
             .map(|issue| self.placed_one(issue, first))
             .collect();
-        // a missing column is reported once per row
+        // An error of a whole column is reported once per row; one is kept.
         placed.dedup();
         placed
     }
@@ -332,7 +333,7 @@ impl Program {
     fn angle(&self, at: &Range<usize>, q_deg: f64) -> String {
         self.marked(
             at,
-            // at least 2e-7 degrees in each unit
+            // The step is at most 2e-7 degrees in each unit.
             match self.deg > 10.0 {
                 true => format!("{:.9}", q_deg / self.deg),
                 false => format!("{:.7}", q_deg / self.deg),
@@ -340,7 +341,7 @@ impl Program {
         )
     }
 
-    /// A number with the program's decimal mark. In a table whose separator is that mark, it is in quotes.
+    /// A number with the program's decimal mark. It is quoted if the separator of the columns is the same character.
     fn marked(&self, at: &Range<usize>, number: String) -> String {
         let number = match self.decimal {
             Decimal::Point => return number,
@@ -353,7 +354,7 @@ impl Program {
     }
 }
 
-/// The convention of the angles of Cartesian targets. Nothing is guessed.
+/// The convention of the angles of Cartesian targets. It is never guessed.
 fn convention_of_angles(
     targets: &Targets,
     rotation: Option<RotationConvention>,

@@ -77,8 +77,8 @@ pub fn find(text: &str, maker: Option<&str>) -> Result<Vec<&'static RobotModel>,
     Ok(all()?.iter().filter(has).collect())
 }
 
-/// The robot models with this id or name. Letter case, spaces and punctuation are ignored, and the manufacturer may stand before the name; a name that is
-/// only part of another one is another arm.
+/// The robot models with this id or name. Letter case, spaces and punctuation are ignored, and the manufacturer may precede the name. A
+/// name that is only part of another name is a different arm.
 pub fn called(text: &str) -> Result<Vec<&'static RobotModel>, &'static str> {
     let text = letters(text);
     let is_called = |model: &&RobotModel| {

@@ -20,7 +20,7 @@ const MAX_CHAIN: usize = 200;
 const MAX_FRAMES: usize = 200;
 /// Maximum number of items that an error lists.
 const MAX_LISTED: usize = 10;
-/// Tips that are nearer to each other than this are at one place, mm: the digits of a URDF.
+/// Tips that are nearer to each other than this are at the same place, mm: the resolution of a URDF.
 const SAME_PLACE_MM: f64 = 1e-3;
 
 /// A parsed URDF.
@@ -255,7 +255,8 @@ impl<'t> Urdf<'t> {
         last.map(|i| self.joints[*i].child.as_str()).collect()
     }
 
-    /// Whether chains with the same moving joints end at one place. Their tips may be turned against each other, as `flange` and `tool0` usually are.
+    /// Whether chains with the same moving joints end at the same place. Their tips may differ in orientation, as `flange` and `tool0`
+    /// usually do.
     fn end_at_one_place(&self, paths: &[&[usize]]) -> bool {
         let tip_mm = |path: &&[usize]| {
             let joints = path.iter().map(|i| self.joints[*i].joint.clone()).collect();
@@ -270,7 +271,8 @@ impl<'t> Urdf<'t> {
         tips_mm.all(|mm| (mm - first_mm).norm() < SAME_PLACE_MM)
     }
 
-    /// Which tip links can be named instead of the ends of these chains. If fingers move at their ends, these are the links before the fingers.
+    /// The tip links that can be named instead of the ends of these chains. If the ends are moving fingers, these are the links before the
+    /// fingers.
     fn tips_to_name(&self, paths: &[&[usize]]) -> String {
         let mut before: Vec<&str> = Vec::new();
         for path in paths {
@@ -305,7 +307,7 @@ impl<'t> Urdf<'t> {
             .collect()
     }
 
-    /// Values of a chain that no robot has in metres and radians, the units of a URDF.
+    /// The issues of values that are impossible in metres and radians, the units of a URDF.
     pub fn other_units(&self, chain: &UrdfChain) -> Vec<Issue> {
         let joints = chain.indices.iter().map(|i| &self.joints[*i]);
         joints
@@ -314,7 +316,7 @@ impl<'t> Urdf<'t> {
             .collect()
     }
 
-    /// Angles of a chain that are right angles in degrees.
+    /// The issues of angles in a chain that are right angles if read as degrees.
     pub fn angles_in_degrees(&self, chain: &UrdfChain) -> Vec<Issue> {
         let joints = chain.indices.iter().map(|i| &self.joints[*i]);
         joints

@@ -1,4 +1,4 @@
-//! One joint of a URDF: its parsed values, their position in the text, and faults that matter only if the joint is part of the arm.
+//! One joint of a URDF: its parsed values, their places in the text, and faults that matter only if the joint is part of the arm.
 
 use crate::exchange::{ChainJoint, Origin, pose_of};
 use crate::operations::import_digits::degrees_of_rad;
@@ -27,7 +27,7 @@ pub(super) struct UrdfJoint {
     pub(super) start: usize,
     /// Its lower and upper limit as the file has them, rad.
     pub(super) limits: Option<(f64, f64)>,
-    /// Why a chain with this joint is refused. The message is written only if it is needed: it counts the lines before the joint.
+    /// Why a chain with this joint is refused. The full message is made only when needed, because it counts the lines before the joint.
     pub(super) fault: Option<&'static str>,
 }
 
@@ -71,7 +71,7 @@ impl UrdfJoint {
         self.fault.is_none() && CALIBRATED_KINDS.contains(&self.kind.as_str())
     }
 
-    /// Limits in the wrong order. Limits that are equal are none.
+    /// The issue of limits in the wrong order. Equal limits mean that there are none.
     pub(super) fn reversed_limits(&self, text: &str) -> Option<Issue> {
         let (low, high) = self.limits.filter(|(low, high)| low > high)?;
         let what = format!(
@@ -80,7 +80,7 @@ impl UrdfJoint {
         Some(self.issue(text, "limits_reversed", &what))
     }
 
-    /// Values that no robot has in metres and radians, the units of a URDF.
+    /// The issues of values that are impossible in metres and radians, the units of a URDF.
     pub(super) fn other_units(&self, text: &str) -> Vec<Issue> {
         let mut found = Vec::new();
         let largest_mm = self.joint.t_parent_joint.translation.vector.amax();
@@ -112,7 +112,7 @@ impl UrdfJoint {
         found
     }
 
-    /// Angles of the origin beyond a turn that are right angles in degrees.
+    /// The issue of angles of the origin that exceed a turn and are right angles if read as degrees.
     pub(super) fn angles_in_degrees(&self, text: &str) -> Option<Issue> {
         let rpy = &text[self.place.rpy.clone()?];
         let mut angles = rpy

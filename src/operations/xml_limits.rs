@@ -31,7 +31,7 @@ pub struct Counts {
     pub n_namespaces: usize,
 }
 
-/// Counts elements and attributes. Fails at the first place where a limit is exceeded, at a DTD, and where the text is no XML.
+/// Counts elements and attributes. Fails at the first place where a limit is exceeded, at a DTD, and if the text is no XML.
 pub fn check(text: &str) -> Result<Counts, Invalid> {
     let mut reader = Reader::from_str(text);
     // The parser reports these errors.
@@ -69,7 +69,7 @@ pub fn check(text: &str) -> Result<Counts, Invalid> {
     }
 }
 
-/// Counts an element and its attributes. The error is a code and what there is too much of.
+/// Counts an element and its attributes. An error has a code and the name of what exceeds its limit.
 fn count(tag: &BytesStart<'_>, counts: &mut Counts) -> Result<(), (&'static str, String)> {
     counts.n_elements += 1;
     for (i, attribute) in tag.attributes().with_checks(false).enumerate() {

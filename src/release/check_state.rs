@@ -12,8 +12,8 @@ pub enum CheckStateChange {
     Ends,
 }
 
-/// The state begins with points that do not fit the robot, or with a session that the set misses by far. It ends with a session that supports a
-/// release, unless its points repeat an upload from before the state began.
+/// The state begins with points that do not fit the robot, or with a session on which the set is far off. It ends with a session that
+/// supports a release, unless its points repeat an upload from before the state began.
 pub fn check_state_change(found: &Verification) -> Option<CheckStateChange> {
     let misses_session = found.kind == VerificationKind::Session && found.fit == Fit::SetFarOff;
     if found.fit == Fit::DoesNotFit || misses_session {

@@ -35,30 +35,32 @@ impl ComparedRms {
     }
 }
 
-/// Difference of errors below which two parameter sets are equally good, mm: a tenth of a laser tracker's uncertainty over an arm's reach.
+/// Two sets are equally good if their errors differ by less, mm: a tenth of a laser tracker's uncertainty over an arm's reach.
 pub const SAME_MM: f64 = 0.001;
 /// Largest share of the active set's error that counts as chance, however few the points are.
 const MAX_CHANCE_SHARE: f64 = 0.1;
-/// Fewer points say little of their own scatter, which then counts as 0.
+/// With fewer points their scatter is not known well enough; it then counts as 0.
 const MIN_FOR_SCATTER: usize = 12;
 /// Points with errors above this multiple of the rms are left out of the scatter.
 const CLIPPED: f64 = 4.0;
 
-/// The points held out at the identification, on which a set is compared with the active one where no session can serve.
+/// Points held out at the identification. A set is compared with the active one on them if there is no suitable session.
 #[derive(Clone, Debug, PartialEq)]
 pub enum HeldOutPoints {
     /// The points of the other upload on which the set was verified when it was identified.
     VerifySet,
     /// The points of the set's own upload that were held out when it was identified.
     VerifySubset {
-        /// Whether the active set was identified from the same upload, as far as is known. It may then have been fitted to these points.
+        /// Whether the active set was identified from the same upload, as far as this is known. It may then have been fitted to these
+        /// points.
         is_fitted_by_active: bool,
     },
     /// No points.
     None,
 }
 
-/// The independent sessions that show the robot as it is now, each upload once. Points to which a set was fitted do not show which of two sets is better.
+/// The independent sessions that show the robot as it is now, each upload once. Only independent points can decide between two sets: points
+/// to which a set was fitted favour that set.
 pub fn sessions_to_compare(sessions: &[Session]) -> Vec<Session> {
     let mut chosen: Vec<Session> = Vec::new();
     for session in sessions {
@@ -120,8 +122,9 @@ pub fn compare_on_set(compared: Compared<'_>, points: String, set: &MeasurementS
     }
 }
 
-/// Compares the two sets on the verify subset of the set's own upload. `verified_mm` has the errors of the fit that did not use these points: of the
-/// links, and with corrections. `None` if the active set was identified from these points too; then both sets are scored as they are delivered.
+/// Compares the two sets on the verify subset of the set's own upload. `verified_mm` has the errors of the fit that did not use these
+/// points, as pairs: with links alone, and with corrections. It is `None` if the active set was identified from these points too; then both
+/// sets are scored as delivered.
 pub fn compare_on_verify_subset(
     compared: Compared<'_>,
     points: String,
@@ -152,7 +155,7 @@ pub fn compare_on_verify_subset(
     }
 }
 
-/// Robust rms from the errors of each point: of the active set, of the set's links, and of the set's links with corrections.
+/// Robust rms from the errors of each point, as triples: of the active set, of the set's links alone, and of the set with corrections.
 fn robust_rms(errors_mm: impl Iterator<Item = [f64; 3]>) -> ComparedRms {
     let errors_mm: Vec<[f64; 3]> = errors_mm.collect();
     let comparison = robust_comparison(&errors_mm);

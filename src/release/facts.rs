@@ -44,7 +44,7 @@ pub fn evidence_of(
     is_insisted_on: bool,
     is_another_session: bool,
 ) -> Evidence {
-    // the nominal robot alone was scored: there is no set that it could be evidence for
+    // Only the nominal robot was scored, so there is no set that could be verified.
     let is_nominal =
         core.identify.n_points == 0 && core.verify.is_some_and(|v| v.after == v.before);
     let is_for_review = core.warnings.iter().any(|w| w.code == TOO_MANY_OUTLIERS);
@@ -131,8 +131,8 @@ fn after_expanded_mm(report: &Report, measured: Measured<'_>) -> Option<f64> {
     Some(largest.1 - largest.0)
 }
 
-/// Facts of a job that identified a set, from its report. If the set to verify on does not fit the robot, its points are no evidence, and the job
-/// counts as one without held-out points.
+/// Facts of a job that identified a set, from its report. If the separate verify set does not fit the robot, its points are no evidence,
+/// and the job counts as one without held-out points.
 pub fn identification_facts(
     request: &CalibrationRequest,
     report: &Report,
@@ -186,8 +186,8 @@ pub fn identification_facts(
     }
 }
 
-/// Facts of a job that identified nothing: it failed with this code because its points do not fit one robot. Sets from before these points are
-/// not released until they are scored on them. `None` if the code says nothing of the robot.
+/// Facts of a job that identified nothing and failed with this code because its points do not fit one robot. Older sets are not released
+/// until they are scored on these points. `None` if the code says nothing about the robot.
 pub fn failure_facts(code: &str, check_seq: i64) -> Option<Verification> {
     [SESSIONS_DIFFER, FIT_DIVERGED]
         .contains(&code)
@@ -220,8 +220,8 @@ fn n_verified_configurations(request: &CalibrationRequest, report: &Report) -> u
     of_points.len()
 }
 
-/// The warning that the set to verify on does not fit the robot. A report of an older version lacks this warning. It also lacks the scatter of the
-/// points, which counts as 0.
+/// The warning that the separate verify set does not fit the robot, for reports of older versions, which lack it. They also lack the
+/// scatter of the points, which counts as 0.
 pub fn missing_misfit_warning(request: &CalibrationRequest, report: &Report) -> Option<Warning> {
     if !matches!(request.verify, VerifySource::Set(_)) {
         return None;
@@ -265,7 +265,7 @@ pub fn session_facts(
     } else if has_warning(report, SET_FAR_OFF) {
         Fit::SetFarOff
     } else if has_warning(report, CHECK_CHANGED) {
-        // The check found a change. It counts as far off, however small it is, because the set no longer holds.
+        // The check found a change. However small, it counts as `SetFarOff`, because the set is no longer valid.
         Fit::SetFarOff
     } else {
         Fit::Fits

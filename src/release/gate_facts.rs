@@ -19,12 +19,12 @@ pub struct LastCheck {
     pub job_id: String,
 }
 
-/// A withdrawn parameter set whose values another set holds or has.
+/// A withdrawn parameter set that another set is based on: the other set holds its values or is equivalent to it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct WithdrawnSource {
     /// Its id.
     pub id: String,
-    /// The uploads on which it was scored. They did not prevent its release.
+    /// The uploads on which it was scored. They did not show that it had to be withdrawn, so they are no evidence for the other set.
     pub scored_sets: Vec<String>,
     /// Their ages, as numbers in the audit chain.
     pub scored_seq: Vec<i64>,
@@ -48,7 +48,7 @@ pub enum ArchivedItem {
     Robot,
 }
 
-/// The facts that stand in columns: a list can read them for many robots.
+/// The facts that are stored as columns, so that a list can read them for many robots.
 #[derive(Clone, Debug)]
 pub struct StoredFacts<'a> {
     /// The robot's nominal model.
@@ -71,15 +71,15 @@ pub struct StoredFacts<'a> {
     pub insisted_source: Option<&'a str>,
     /// The robot's release policy.
     pub policy: &'a PolicyBody,
-    /// Summary of the report of the job that identified the set; it has the nominal model of that job. It is no column, and a list leaves it empty:
-    /// the gates that columns decide have it in their texts only.
+    /// Summary of the report of the job that identified the set, with the nominal model of that job. It is not a column. A list leaves it
+    /// empty; the gates that columns decide use it in their texts only.
     pub report: &'a ReportSummary,
 }
 
 /// All inputs of the gates.
 #[derive(Clone, Debug)]
 pub struct Facts<'a> {
-    /// The facts that stand in columns.
+    /// The facts that are stored as columns.
     pub stored: StoredFacts<'a>,
     /// Age of the separate upload that the job verified on, as a number in the audit chain; 0 for none.
     pub verify_set_seq: i64,
@@ -95,7 +95,7 @@ pub struct Facts<'a> {
     pub archived: Option<ArchivedItem>,
     /// Whether the set was withdrawn.
     pub is_withdrawn: bool,
-    /// A withdrawn parameter set whose values this one holds, or that says the same of the same points.
+    /// A withdrawn parameter set whose values this one holds, or that is equivalent to it on the same points.
     pub withdrawn_source: Option<&'a WithdrawnSource>,
     /// Whether this is a rollback: the active set is withdrawn, and this set, which was released before, replaces it.
     pub is_rollback: bool,
@@ -112,7 +112,7 @@ pub struct Facts<'a> {
 }
 
 impl Facts<'_> {
-    /// Strength of the verification without the uploads, and their copies, on which a withdrawn set was scored.
+    /// Strength of the verification without the uploads on which a withdrawn set was scored, and without copies of these uploads.
     pub fn evidence_without(&self, withdrawn: &WithdrawnSource) -> Evidence {
         let counts = |session: &Session| {
             !withdrawn.scored_seq.contains(&session.measured_seq)
@@ -145,8 +145,9 @@ impl StoredFacts<'_> {
         }
     }
 
-    /// How many times larger the set's errors are on a session than on the points held out when it was identified; `None` if the difference is small
-    /// ([`times_worse`]). The policy's tolerance decides whether they are still small enough. Without a tolerance, such a session supports nothing.
+    /// Ratio of the set's error on a session to its error on the points held out at the identification; `None` if the increase is
+    /// insignificant ([`times_worse`]). The policy's tolerance decides whether the error is still acceptable. Without a tolerance, such a
+    /// session supports nothing.
     pub fn times_worse(&self, session: &Session) -> Option<f64> {
         let identified_mm = self.identification.after_rms_mm;
         let identified_mm = identified_mm.filter(|_| self.identification.n_points > 0)?;
@@ -154,8 +155,8 @@ impl StoredFacts<'_> {
         times_worse(session_mm, identified_mm, &self.robot.links)
     }
 
-    /// The sessions that are evidence for or against the set. A session in which the set is far off counts until somebody has given a reason and
-    /// the set has fitted a session measured later, as after a repair. The schema's triggers enforce this too.
+    /// The sessions that are evidence for or against the set. A session in which the set is far off counts until two conditions hold:
+    /// somebody has given a reason, and the set fits a session measured later, e.g. after a repair. The schema's triggers enforce this too.
     pub fn counted_sessions(&self) -> impl Iterator<Item = &Session> {
         let is_explained = |session: &Session| {
             let mut sessions = self.sessions.iter();

@@ -18,11 +18,12 @@ use crate::wire::report_shape::{Evidence, SubsetReport};
 use crate::wire::verification::Fit;
 use std::collections::BTreeMap;
 
-/// If the active set's errors on new points are more than this many times the candidate's, the robot must have changed.
+/// The robot counts as changed if the active set's error on new points is more than this many times the candidate's.
 const CHANGED: f64 = 3.0;
 
-/// Largest ratio of the tool's mean movement by the final fit to the rms error of the verified fit, corrections included. The 64 simulated uploads of 25
-/// and 60 poses of `docs/oracles/final_fit.py` have 0.31 to 1.58. A larger ratio shows that the two halves of the upload do not belong together.
+/// Largest ratio of two lengths: the mean movement of the tool by the final fit, and the rms error of the verified fit (corrections
+/// included). The 64 simulated uploads of 25 and 60 poses in `docs/oracles/final_fit.py` have ratios from 0.31 to 1.58. A larger ratio
+/// shows that the two halves of the upload do not belong together.
 const MAX_MOVED: f64 = 2.0;
 
 /// Largest ratio of the error of the instrument's scale at the arm's reach to the rms error on the verify points.
@@ -59,8 +60,8 @@ pub fn gates(facts: &Facts<'_>) -> Vec<Gate> {
     gates
 }
 
-/// The first gate that refuses the set, of those that columns decide. The other gates read points, reports and parameters, which takes too long for a
-/// list. A gate is never named if a release would pass it.
+/// The first gate that refuses the set, among those that columns decide. The other gates read points, reports and parameters, which takes
+/// too long for a list. Never names a gate that a release would pass.
 pub fn first_refusal(stored: &StoredFacts<'_>) -> Option<Gate> {
     let by_columns: [fn(&StoredFacts<'_>) -> Gate; 11] = [
         not_insisted,
@@ -94,7 +95,7 @@ fn joint_map(facts: &StoredFacts<'_>) -> Option<Gate> {
         .then(|| Gate::new("joint_map_changed", false, detail))
 }
 
-/// A rollback is possible on an archived robot too: the cell needs a set that it knows.
+/// Refuses an archived set, and a set of an archived robot. For a rollback the robot may be archived, because the cell needs a known set.
 fn archived(facts: &Facts<'_>) -> Option<Gate> {
     let detail = match facts.archived? {
         ArchivedItem::ParameterSet => "the set is archived: restore it first",
@@ -177,13 +178,13 @@ fn with_and_without_outliers(facts: &StoredFacts<'_>) -> String {
     )
 }
 
-/// Error of what is delivered: with corrections, if any was kept.
+/// Error of the delivered parameters: with corrections, if any was kept.
 fn delivered_rms_mm(subset: &SubsetReport) -> f64 {
     subset.corrected.unwrap_or(subset.after).rms_mm
 }
 
-/// The verified errors are those of the fit to the identify subset. They hold for the delivered parameters only if the delivered parameters place the
-/// tool nearly where that fit places it.
+/// The verified errors are those of the fit to the identify subset. They hold for the delivered parameters only if these place the tool
+/// nearly where the verified fit does.
 fn final_fit(facts: &StoredFacts<'_>) -> Gate {
     let name = "final_fit_near_verified";
     let Some(last) = facts.report.final_fit else {
@@ -263,8 +264,8 @@ fn not_insisted(facts: &StoredFacts<'_>) -> Gate {
     }
 }
 
-/// Refuses a set that does not fit its points. The comparison with nominal is not enough: on points that fit no robot, the identified robot is
-/// better than nominal half of the time, by chance.
+/// Refuses a set that does not fit its points. A comparison with the nominal robot is not enough: on points that fit no robot, the
+/// identified robot is better than nominal half of the time, by chance.
 fn fits(facts: &StoredFacts<'_>) -> Gate {
     match facts.identification.fit {
         Fit::Fits => Gate::new("fits", true, "the identified robot fits the points"),
@@ -282,8 +283,8 @@ fn fits(facts: &StoredFacts<'_>) -> Gate {
     }
 }
 
-/// Refuses a set from an instrument whose reference shows an error of its scale that is far above the errors which verification shows: points that were
-/// measured with the same instrument cannot show it.
+/// Refuses a set if the reference shows a scale error of the instrument far above the verified errors. Points measured with the same
+/// instrument cannot show this error.
 fn instrument_scale(facts: &StoredFacts<'_>) -> Option<Gate> {
     let reference = facts.report.reference.as_ref()?;
     let name = "instrument_scale";
@@ -363,7 +364,7 @@ fn evidence(facts: &StoredFacts<'_>) -> Gate {
     Gate::new("evidence", passed, format!("{detail}{limits}")).warned(is_doubtful)
 }
 
-/// Reasons why sessions that fit are weak evidence, or no evidence.
+/// Reasons why sessions that fit are only weak evidence, or none.
 fn limits_of_sessions(facts: &StoredFacts<'_>) -> String {
     let mut limits = String::new();
     let fits = |session: &&Session| session.verification.fit == Fit::Fits;
@@ -429,7 +430,7 @@ fn second_person(facts: &Facts<'_>) -> Gate {
         .collect();
     let other = is_known && !uploaders.contains_key(approver.id.as_str());
     let passed = other || !facts.stored.policy.second_person_required;
-    // a name need not be unique
+    // Adds the id if two keys have the same name.
     let named = |id: &str, name: &str| match other && name == approver.name {
         true => format!("{name} ({id})"),
         false => name.to_owned(),

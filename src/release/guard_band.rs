@@ -10,8 +10,8 @@
 //! - If p numbers of base and targets were fitted to the same points, the share 1 − p/(3·C) of these degrees of freedom is left.
 //! - So with 97.5 % probability, the mean square error over the workspace is below F²·m / χ²(2.5 %, m·(1 − p/(3·C))): the upper end of the 95 %
 //!   interval.
-//! - The error that the instrument states for a point may be common to all points. The sample does not show a common error, which moves F by at most
-//!   its own size. Therefore 1.96 times its standard deviation is added in quadrature.
+//! - The error that the instrument states for a point may be common to all points. The sample cannot show such a common error, and F
+//!   changes by at most its size. Therefore 1.96 times its standard deviation is added in quadrature.
 //!
 //! U, the upper end minus F, is the expanded uncertainty (95 %). The rules are those of ILAC-G8:09/2019 and JCGM 106:2012: simple acceptance takes
 //! F ≤ T, guarded acceptance F + U ≤ T, with the guard band w = U.

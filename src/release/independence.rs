@@ -7,14 +7,14 @@ use crate::measurement::{Frame, MeasurementSet};
 use crate::wire::report_shape::Evidence;
 use crate::wire::verification::{Verification, VerificationKind};
 
-/// Whether a session cannot show an error of the set's base. This is so if the set was identified from positions in the base frame, and the positions
-/// of the session are in the instrument's frame: the base is then placed anew.
+/// Whether a session cannot show an error of the set's base. This is so if the set was identified from positions in the base frame and the
+/// session's positions are in the instrument's frame: the session then fits the base again.
 pub fn hides_base(identified_in: Frame, session_in: Frame) -> bool {
     identified_in == Frame::Base && session_in == Frame::Instrument
 }
 
-/// The stored evidence of a session or of an identification, reduced if a wrong base would not show. Older versions did not check this, and stored
-/// stronger evidence.
+/// The stored evidence of a session or an identification. It is reduced if an error of the base would not show; older versions did not
+/// check this and stored stronger evidence.
 pub fn shown_evidence(found: &Verification, is_base_hidden: bool) -> Evidence {
     match (is_base_hidden, found.kind, found.evidence) {
         (true, VerificationKind::Session, _) => Evidence::None,
@@ -25,8 +25,8 @@ pub fn shown_evidence(found: &Verification, is_base_hidden: bool) -> Evidence {
     }
 }
 
-/// Whether the points to verify come from another session than the fitted points and the `sources` of the held values, and would also show a wrong
-/// base. The same points uploaded again count as the same session.
+/// Whether the verify points come from another session than the fitted points and the `sources` of the held values, and would also show an
+/// error of the base. The same points uploaded again count as the same session.
 pub fn is_verified_anew(request: &CalibrationRequest, sources: &[MeasurementSet]) -> bool {
     matches!(&request.verify, VerifySource::Set(set)
         if !hides_base(request.set.frame, set.frame)
@@ -34,8 +34,8 @@ pub fn is_verified_anew(request: &CalibrationRequest, sources: &[MeasurementSet]
             && is_another_session(&request.robot, set, sources))
 }
 
-/// Whether `session` is another session than those that a set was identified from: its points do not repeat them, and were not put together from
-/// several of them. `identified_from` is empty for the nominal robot.
+/// Whether `session` is a new session: its points do not repeat those that a set was identified from, nor were they put together from
+/// several of those sessions. `identified_from` is empty for the nominal robot.
 pub fn is_another_session(
     robot: &Robot,
     session: &MeasurementSet,

@@ -30,7 +30,8 @@ pub struct NeedFacts {
     pub is_far_off: bool,
     /// Error of the nominal robot on the newest session, mm, if the released set is no better.
     pub no_better_than_mm: Option<f64>,
-    /// The released set is several times worse on the newest session than when it was identified, or than a robot that is fitted to that session.
+    /// The released set's error on the newest session is several times its error at the identification, or several times the error of a
+    /// robot fitted to that session.
     pub is_worse: bool,
     /// A set that is not withdrawn is newer than the released set, or no set is released.
     pub has_newer: bool,
@@ -79,7 +80,7 @@ pub fn need(facts: &NeedFacts) -> (Need, String) {
     (Need::Nothing, String::new())
 }
 
-/// What the newest result waits for. One that a release refuses does not wait for its release.
+/// Text about what the newest result waits for. A result that a gate refuses does not wait for its release.
 fn waiting(facts: &NeedFacts) -> &'static str {
     match (facts.newest_refused_by.as_deref(), facts.is_released) {
         (None, true) => "a newer result than the released set waits for a decision",

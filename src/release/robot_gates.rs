@@ -14,7 +14,7 @@ use crate::wire::report_shape::Evidence;
 const SAME_NOMINAL: f64 = 1e-6;
 /// The active set is far off if its error is more than this many times that of the candidate on the same points.
 const FAR_OFF: f64 = 10.0;
-/// The same if the active set is no better than the nominal robot.
+/// The same limit, if the active set is no better than the nominal robot.
 const FAR_OFF_AS_NOMINAL: f64 = 3.0;
 
 pub fn identity(facts: &Facts<'_>) -> Gate {
@@ -125,7 +125,8 @@ pub fn change(facts: &Facts<'_>) -> Gate {
     }
 }
 
-/// The points on which the active set is far off where the candidate is not. The robot has changed, or the file is of another robot.
+/// Description of the points on which the active set is far off and the candidate is not; `None` if there are none. Either the robot has
+/// changed, or the file is of another robot.
 fn active_far_off(facts: &Facts<'_>) -> Option<String> {
     let least_mm = MIN_REFERENCE_PER_REACH * reach_mm(&facts.stored.robot.links);
     let nominal_mm = facts
@@ -162,8 +163,8 @@ fn orientation_of(facts: &Facts<'_>) -> Orientation {
     )
 }
 
-/// Reason why the orientation counts as unknown, if it does. An unknown zero of the last joint does not count: it is no sign of an error in the other
-/// links.
+/// Reason why the orientation counts as unknown; `None` if it is known. An unknown zero of the last joint alone does not count: it is no
+/// sign of an error in the other links.
 fn unknown_because(orientation: Orientation) -> Option<String> {
     match orientation {
         Orientation::NotComputed => {
@@ -185,7 +186,8 @@ fn not_shown(std_deg: f64) -> String {
     )
 }
 
-/// Points of one upload fit equally well with a wrongly rotated flange. Another session shows at least that the reflector's positions are right.
+/// Points of one upload are fitted equally well with a wrongly rotated flange. Another session at least shows that the reflector's
+/// positions are right.
 pub fn orientation(facts: &Facts<'_>) -> Gate {
     let name = "orientation_known";
     let n_links = facts.stored.robot.links.len();

@@ -2,8 +2,8 @@
 
 use serde_json::Value;
 
-/// Numbers of two sets that differ by less are the same: mm and degrees, and elements of rotation matrices. The same upload that is identified again
-/// with another seed gives numbers that differ by 1e-12.
+/// Largest difference of two equal numbers: mm, degrees, or elements of rotation matrices. Identifying the same upload again with another
+/// seed changes the numbers by 1e-12.
 const TOLERANCE: f64 = 1e-6;
 
 /// Whether two documents of parameter sets have the same parameters, up to rounding.

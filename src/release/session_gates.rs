@@ -6,7 +6,8 @@ use crate::release::texts::{CHECKED, errors_in_words, sessions};
 use crate::wire::release::Gate;
 use crate::wire::verification::Fit;
 
-/// Refuses every set while a session is in doubt. Until a session fits or somebody gives a reason, it is unknown whether the robot has changed.
+/// Refuses every set while the robot is in the state `check_robot`. Until a session fits or somebody gives a reason, it is unknown whether
+/// the robot has changed.
 pub fn check_robot(facts: &StoredFacts<'_>) -> Gate {
     let name = "check_robot";
     match facts.check_job_id {

@@ -14,15 +14,15 @@ pub struct Session {
     pub measurement_set_id: String,
     /// Its number in the robot's counter.
     pub seq: i64,
-    /// Whether the set's base was placed anew in the session, so that a wrong base would not show.
+    /// Whether the set's base was fitted anew to the session, so that an error of the base would not show.
     pub is_base_hidden: bool,
     /// Number in the audit chain of the upload in which its points appeared first.
     pub measured_seq: i64,
-    /// Whether its points are older than what showed last that the robot may have changed ([`current_since`]). It then does not show the robot as it
-    /// is now.
+    /// Whether its points are older than the last event after which the robot may have changed ([`current_since`]). It then does not show
+    /// the robot as it is now.
     pub is_outdated: bool,
-    /// Whether the session is evidence against the set. A session with few points, or one whose upload was refused and insisted on, is none. A session
-    /// that hides the base is, although it cannot support the set.
+    /// Whether the session is evidence against the set. It is none if it has few points, or if its upload was refused and insisted on. A
+    /// session that hides the base can be evidence against the set, but cannot support it.
     pub is_evidence: bool,
     /// Its verification facts.
     pub verification: Verification,
@@ -46,12 +46,13 @@ pub struct Ages {
     pub own: i64,
     /// Of the points that the active set was identified from; 0 if there is no other active set.
     pub active: i64,
-    /// Of the last session that did not fit the robot; 0 if there is none, or if somebody has said why.
+    /// Of the last session that did not fit the robot; 0 if there is none, or if somebody has explained it.
     pub last_check: i64,
 }
 
-/// A set whose points are newer than those of the active set, or than a session that did not fit the robot, says how the robot is since then. A session
-/// that is older than those is no evidence for that: an old file that is uploaded late fits old sessions.
+/// The age from which sessions show the robot as it is now; 0 if all sessions do. If the set's points are newer than those of the active
+/// set, or than a session that did not fit the robot, older sessions are outdated: an old file, uploaded late, agrees with the robot as it
+/// was before.
 pub fn current_since(ages: Ages) -> i64 {
     let newer = [ages.active, ages.last_check].into_iter();
     newer.filter(|since| ages.own > *since).max().unwrap_or(0)
@@ -65,8 +66,8 @@ pub fn has_changed(report: &ReportSummary) -> bool {
         .any(|told| told.code == ROBOT_CHANGED)
 }
 
-/// Whether a session shows that robot and set are in order: its points were measured anew and fit the robot, and the set is better than nominal on
-/// them and not several times worse than when it was identified.
+/// Whether a session shows that robot and set are in order. Its points must be measured anew and fit the robot, and the set must be better
+/// than nominal on them and not several times worse than at its identification.
 pub fn supports(session: &Verification) -> bool {
     session.kind == VerificationKind::Session
         && session.evidence == Evidence::IndependentSession

@@ -17,10 +17,10 @@ pub struct AcceptedMisfit {
     pub insisted_on: Option<Insist>,
 }
 
-/// Refusals and warnings that a missing target or station may cause.
+/// Codes of refusals and warnings whose cause may be an unread column for the target or the station.
 const OF_LABELS: [&str; 2] = ["poor_alignment", "frame_suspect"];
 
-/// Adds to an explanation which columns are not read, if they may be the cause.
+/// Adds the unread columns to an explanation, if they may be the cause.
 fn with_unread(explanation: Explanation, unread: Option<&str>) -> Explanation {
     let Some(unread) = unread else {
         return explanation;
@@ -48,7 +48,7 @@ fn with_unread(explanation: Explanation, unread: Option<&str>) -> Explanation {
 
 /// Keeps an upload whose misfit only deserves a warning, or on which the caller insists with the code of the suspicion.
 ///
-/// `unread` names columns of the upload that are not read and may say which reflector or set-up a row is of.
+/// `unread` names the columns of the upload that are not read although they may identify the reflector or the set-up of a row.
 ///
 /// # Errors
 /// [`Invalid`] with the suspicion for which the upload is refused.

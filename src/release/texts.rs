@@ -2,10 +2,10 @@
 
 use crate::wire::verification::Verification;
 
-/// What somebody does who knows why a robot is in order.
+/// Advice to a person who knows why a robot is in order.
 pub const CHECKED: &str = "mark the robot as checked, with the reason why it is in order";
 
-/// Errors of the nominal robot and of the set, in words.
+/// Text with the errors of the nominal robot and of the set.
 pub fn errors_in_words(found: &Verification) -> String {
     let mm = |rms_mm: Option<f64>| rms_mm.map_or("unknown".into(), |rms| format!("{rms:.4} mm"));
     format!(
@@ -15,7 +15,7 @@ pub fn errors_in_words(found: &Verification) -> String {
     )
 }
 
-/// A number of sessions, in words.
+/// Text with a number of sessions.
 pub fn sessions(n: usize) -> String {
     match n {
         1 => "1 session".into(),

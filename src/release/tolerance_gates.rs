@@ -51,9 +51,10 @@ struct Figure<'a> {
     found: &'a Verification,
 }
 
-/// The measured errors must also be within the tolerance: on the held-out points, and in every session that fits the robot, measured anew or not.
-/// Under the guarded rule their uncertainty counts, and an error without a stated uncertainty is not accepted. Of a session that is no evidence, as
-/// with few points, the figure alone counts. The schema's triggers enforce this too.
+/// The measured errors must also be within the tolerance: on the held-out points, and in every session that fits the robot, whether or not
+/// it was measured anew. Under the guarded rule their uncertainty counts too, and an error without a stated uncertainty is refused.
+/// Exception: for a session that is no evidence, e.g. because of few points, the error alone counts. The schema's triggers enforce this
+/// too.
 pub fn errors_within_tolerance(facts: &StoredFacts<'_>) -> Gate {
     let name = "verify_errors_within_tolerance";
     let rule = facts.policy.decision_rule;

@@ -78,7 +78,7 @@ pub fn scored_sessions(jobs: &[ScoredJob], own_uploads: &[String]) -> Vec<Scored
             rms_mm,
         }));
     }
-    // older measurements say nothing of the robot since it was identified
+    // Sessions from before the identification show nothing about the robot since then.
     let mut own = jobs
         .iter()
         .filter(|job| job.verification.kind != VerificationKind::Session);

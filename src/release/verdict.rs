@@ -64,13 +64,13 @@ pub fn refused_as(report: &Report) -> Option<&'static str> {
     codes.find(|code| insisted.detail.contains(code))
 }
 
-/// As [`unusable_because`], for the headline. A refusal that the uploader overrode comes before the warnings that a wrong file causes, and counts even
-/// where the points fit in the end: nothing rests on them.
+/// As [`unusable_because`], for the headline of a report. An overridden refusal takes precedence over the warnings that a wrong file
+/// causes. It counts even if the points fit in the end, because the result is no evidence.
 pub fn headline(report: &Report) -> Option<&'static str> {
     let (code, refused) = (unusable_because(report), refused_as(report));
     let is_explained = code.is_none_or(|code| [JOINT_MAP, NO_FIT].contains(&code));
     match refused {
-        // The refusal `poor_alignment` names no cause.
+        // The refusal `poor_alignment` names no cause, so a warning that does is preferred.
         Some("poor_alignment") if code.is_some() => code,
         Some(refused) if is_explained && Some(refused) != code => Some(INSISTED),
         _ => code,

@@ -152,7 +152,7 @@ fn per_point_content(frame: &Frame, halves: &[(String, Vec<Bar>)], gap: f64) -> 
     }
 }
 
-/// A column that stands on the x axis and begins at `at`. `at` and `width` are in units of x, `value` is in units of y.
+/// A column above the x axis that begins at `at`. `at` and `width` are in units of x, `value` is in units of y.
 fn column(frame: &Frame, kind: &str, at: f64, width: f64, value: f64) -> Markup {
     let value = if frame.y.log {
         value.max(SMALLEST_MM)

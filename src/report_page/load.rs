@@ -1,11 +1,12 @@
-//! How the arm hangs and what it carries: as stated, and as the kept corrections were fitted. Also the points that were left out by hand.
+//! Text about the mounting and the payload of the arm: as stated, and as the kept corrections were fitted. Also about points that were left
+//! out by hand.
 
 use super::Sources;
 use super::text::number;
 use crate::wire::corrections::PayloadBody;
 use crate::wire::robot::{MountingBody, NamedMounting};
 
-/// The mounting as stated, and the direction of gravity that the kept corrections hold for.
+/// The mounting as stated, and the direction of gravity for which the kept corrections are valid.
 pub fn mounting(sources: &Sources<'_>) -> String {
     let stated = match &sources.robot.mounting {
         Some(stated) => format!("as stated: {}", stated_mounting(stated)),
@@ -45,7 +46,7 @@ pub fn stated_payload(sources: &Sources<'_>) -> Option<PayloadBody> {
     sources.job?.request.payload
 }
 
-/// The payload as stated, and the one that the kept corrections hold for.
+/// The payload as stated, and the one for which the kept corrections are valid.
 pub fn payload(sources: &Sources<'_>) -> String {
     let stated = match stated_payload(sources) {
         Some(payload) => format!("as stated: {}", payload_words(&payload)),
@@ -67,14 +68,14 @@ fn payload_words(payload: &PayloadBody) -> String {
     format!("{mass} kg, centre at {x}, {y}, {z} mm in the flange frame")
 }
 
-/// The points that somebody left out of the measured files, and why, as the names of the sets say it; `None` if none were.
+/// The points that somebody left out of the measured files, with the reason, from the names of the sets; `None` if there are none.
 pub fn left_out(sources: &Sources<'_>) -> Option<String> {
     let names = sources.sets().filter_map(|set| set.name);
     let said: Vec<&str> = names.filter_map(left_out_of).collect();
     (!said.is_empty()).then(|| said.join("; "))
 }
 
-/// `first without row 3: slipped` says "row 3: slipped".
+/// The part of a set's name about its missing rows: "row 3: slipped" for `first without row 3: slipped`.
 fn left_out_of(name: &str) -> Option<&str> {
     let named = |(at, word): (usize, &str)| {
         let rest = &name[at + word.len()..];

@@ -10,7 +10,7 @@ use crate::wire::reference::ReferenceReport;
 use crate::wire::session_record::SessionRecord;
 use maud::{Markup, html};
 
-/// What the values refer to, and the comparison with the tolerance.
+/// The frame and the tool that the values refer to, and the comparison with the tolerance.
 pub fn statement(sources: &Sources<'_>) -> Markup {
     html! {
         section {
@@ -138,7 +138,7 @@ fn points(sources: &Sources<'_>) -> String {
     text
 }
 
-/// The decision at the release, by the policy as it was then. Before a release, the comparison of the rms error alone, which decides nothing.
+/// The decision at the release, by the policy at that time. Before a release: the comparison of the rms error alone, which decides nothing.
 fn tolerance(sources: &Sources<'_>) -> Markup {
     let checks = sources
         .parameter_set

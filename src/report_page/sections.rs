@@ -115,7 +115,7 @@ pub fn facts(sources: &Sources<'_>) -> Markup {
     }
 }
 
-/// The measurement set in words, or all of several sessions.
+/// Text about the measurement set, or about all sets of several sessions.
 fn measured(sources: &Sources<'_>) -> String {
     let set = &sources.set;
     let frame = if set.frame == Frame::Base {

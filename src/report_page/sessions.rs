@@ -57,7 +57,8 @@ pub fn fitted_together(sources: &Sources<'_>) -> Markup {
     }
 }
 
-/// Strength of the verification now, with the reason. The newest session that says something about the set decides, else the identification.
+/// Strength of the verification now, with the reason. It is determined by the newest session that is evidence for or against the set; if
+/// there is none, by the identification.
 pub fn evidence(sources: &Sources<'_>) -> String {
     let report = sources.report;
     let verified = sources.sessions.iter().find_map(|scored| {

@@ -22,7 +22,7 @@ pub struct MeasuredSet<'a> {
     pub n_configurations: usize,
     /// SHA-256 of the file, lower-case hexadecimal.
     pub sha256: &'a str,
-    /// What its instrument states.
+    /// The noise of the instrument, if it was stated.
     pub instrument: Option<InstrumentBody>,
     /// When, by whom and with what it was measured.
     pub record: Option<&'a SessionRecord>,
@@ -45,9 +45,9 @@ impl<'a> From<&'a SetSummary> for MeasuredSet<'a> {
 /// A session that was scored with the identified parameter set.
 #[derive(Clone, Debug)]
 pub struct ScoredSession {
-    /// When it was measured, as its upload states, else when it was uploaded: RFC 3339.
+    /// Stated time of measurement, or the time of upload: RFC 3339.
     pub measured_at: String,
-    /// The job that scored it, and what that found.
+    /// The job that scored it, and the result.
     pub session: Session,
 }
 
@@ -85,7 +85,7 @@ impl<'a> Sources<'a> {
         self.job.is_some_and(|job| job.kind.scores())
     }
 
-    /// The robot of the errors before: a partial recalibration begins with an earlier parameter set.
+    /// Name of the robot that the errors before refer to: a partial recalibration starts from an earlier parameter set.
     pub(super) fn before(&self) -> &'static str {
         match self
             .job

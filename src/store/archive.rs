@@ -76,7 +76,7 @@ pub async fn archive(
     robot_id: &str,
     by: &str,
 ) -> Result<i64> {
-    // The lock waits until a release of this robot that is under way has ended.
+    // Locks the robot's row. This waits until a release of the robot that is under way has ended.
     super::robots::lock(tx, robot_id).await?;
     let values = values![id, kind.as_str(), robot_id, by];
     let row: Option<ArchivedRow> = sql::first(tx.connection(), ARCHIVE, values)

@@ -21,12 +21,11 @@ pub(super) trait Audited: for<'r> FromRow<'r, AnyRow> + Send + Unpin {
     fn expected_entries(&self) -> Vec<ExpectedEntry>;
 }
 
-/// Expected content of an entry.
 #[derive(Debug)]
 pub(super) struct ExpectedEntry {
     pub(super) event: AuditEvent,
-    /// Time and fields; none if the event has not happened. The meaning of a field never changes, because old entries stay: new facts get new
-    /// fields.
+    /// Time and fields; none if the event has not happened. The meaning of a field never changes, because old entries stay. New facts get
+    /// new fields.
     pub(super) now: Option<(i64, Value)>,
     /// Field of the row that names the actor. Entries that are older than this field name the actor only as their own `actor`.
     pub(super) by: Option<&'static str>,
@@ -48,7 +47,8 @@ impl ExpectedEntry {
     }
 }
 
-/// Implements [`Audited`] with the file's query `BY_ID`: the row, its field that is the subject, and its expected entries.
+/// Implements [`Audited`] for a row, with the constant `BY_ID` of the calling file. The arguments are the row type, its field with the
+/// subject, and its expected entries.
 macro_rules! audited {
     ($row:ident, $($subject:ident).+, |$this:ident| $entries:expr) => {
         impl $crate::store::audit::Audited for $row {
@@ -85,7 +85,7 @@ pub async fn list(store: &Store, after: i64, limit: i64) -> Result<Vec<AuditRow>
     sql::all(store.readers(), LIST, values![after, limit]).await
 }
 
-/// Actor of the first entry of this event and subject: usually the id of a key.
+/// Actor of the first entry about this event and subject: usually the id of a key.
 pub async fn actor(store: &Store, subject: &str, event: AuditEvent) -> Result<Option<String>> {
     let values = values![subject, event.as_str()];
     sql::first_value(store.readers(), ACTOR, values).await

@@ -60,7 +60,7 @@ impl AuditHead {
         }
     }
 
-    /// Makes `next` the newest entry.
+    /// Makes `next` the head of the chain.
     fn follow(&mut self, next: &AuditRow) {
         (self.seq, self.sha256) = (next.seq, next.sha256.clone());
     }

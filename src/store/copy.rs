@@ -51,7 +51,6 @@ pub struct Copied {
     pub n_rows: u64,
 }
 
-/// Type of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum ColumnType {
     Text,

@@ -22,7 +22,8 @@ pub(crate) trait Column: Sized {
     fn read(row: &AnyRow, column: &str) -> sqlx::Result<Self>;
 }
 
-/// Declares the struct of a row and implements `FromRow` for it: each field is a [`Column`], or a row that is read from the same columns.
+/// Declares the struct of a row and implements `FromRow` for it. Each field is a [`Column`] of that name, or a nested row that is read from
+/// the same columns.
 macro_rules! row {
     ($(#[$about:meta])* $visible:vis struct $row:ident { $($(#[$doc:meta])* $visible_field:vis $field:ident: $type:ty),* $(,)? }) => {
         $(#[$about])*

@@ -176,7 +176,7 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     BY_ID,
 ];
 
-// Fair queue: the job's turn is one after the turn of the client's last waiting job, but not before the first waiting turn of all clients. So a
+// Fair queue: a new job's turn is one after the client's last waiting job, but not before the first waiting turn of all clients. So a
 // client that was idle cannot overtake the others with many jobs.
 const INSERT: &str = concat!(
     "insert into job (id, robot_id, measurement_set_id, verify_set_id, frames_id, network_input_id,

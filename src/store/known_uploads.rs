@@ -1,11 +1,11 @@
-//! The uploads of a robot with which a job compares its points, to find out how old they are.
+//! The uploads of a robot that a job's points are compared with, to find out how old the points are.
 
 use super::from_row::row;
 use super::sql::{self, values};
 use super::{AuditEvent, Result, Store};
 
 row! {
-    /// An upload of a robot, with which a job compares its points.
+    /// An upload of a robot that a job's points are compared with.
     #[derive(Clone, Debug, PartialEq)]
     pub struct KnownUpload {
         /// The measurement set.
@@ -29,8 +29,9 @@ macro_rules! scored_set {
 
 pub(super) const ALL_QUERIES: &[&str] = &[NEWEST, IS_USED];
 
-// The newest uploads of a robot, in the order of the audit chain. An upload without an entry is older than the chain. With $5 = 1 the uploads of checks
-// that found a change count as before the session that did not fit: scoring such an upload again does not make it a new session.
+// The newest uploads of a robot, by the order of the audit chain. An upload without an entry is older than the chain. With $5 = 1, uploads
+// of checks that found a change count as older than the session that did not fit, because scoring such an upload again does not make it a
+// new session.
 const NEWEST: &str = concat!(
     "with known as (
         select m.id as id, m.n_points as n_points, coalesce((select max(a.seq) from audit a where a.subject = m.id and a.event = $4), 0) as uploaded_seq

@@ -103,7 +103,7 @@ macro_rules! fenced {
     };
 }
 
-/// The values of the fencing condition, and those of the update.
+/// The values to bind: first those of the fencing condition, then those of the update.
 macro_rules! fenced_values {
     ($lease:ident $(, $value:expr)*) => {
         values![$lease.job_id, $lease.owner, $lease.attempt $(, $value)*]

@@ -62,7 +62,7 @@ impl ListRequest {
     }
 }
 
-/// A list: what of a table or view with `created_at_ms` and `id` it has.
+/// The parts of a list's SQL. The list reads a table or view with the columns `created_at_ms` and `id`.
 pub(super) struct ListQueries {
     pub(super) columns: &'static str,
     pub(super) from: &'static str,

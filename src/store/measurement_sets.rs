@@ -110,7 +110,7 @@ pub(super) const LIST: ListQueries = ListQueries {
 
 const BY_ID: &str = rows_after!(columns!(), "measurement_set");
 
-// How many other robots have an upload of these bytes, what was archived left out: one look-up in the index per robot.
+// Number of other robots with an upload of these bytes, without archived ones: one index look-up per robot.
 const OTHER_ROBOTS: &str = "select count(*) from robot r where r.id <> $1
     and not exists (select 1 from archived a where a.id = r.id)
     and exists (select 1 from measurement_set m where m.robot_id = r.id and m.sha256 = $2

@@ -28,7 +28,7 @@ mod listing;
 mod page;
 mod sql;
 
-// The audit chain, the promises that are checked, and requests that are made once.
+// The audit chain, the checks of the promises, and idempotent requests.
 pub mod audit;
 mod audit_chain;
 mod audit_event;
@@ -56,7 +56,7 @@ pub mod networks;
 pub mod report_summaries;
 pub mod statistics;
 
-// Parameter sets and the facts that decide on them.
+// Parameter sets, and the facts that decide about them.
 mod parameter_set_row;
 pub mod parameter_sets;
 pub mod verifications;

@@ -51,7 +51,6 @@ impl FromStr for StoreLocation {
 const PRIVATE_DIR: u32 = 0o700;
 /// Permissions of the files in it.
 const PRIVATE_FILE: u32 = 0o600;
-/// Mask of the permissions of the group and of others.
 const GROUP_AND_OTHERS_MASK: u32 = 0o077;
 /// Oldest accepted SQLite version. Older versions can corrupt a database in WAL mode.
 const OLDEST_SQLITE: (u32, u32, u32) = (3, 51, 3);
@@ -336,7 +335,8 @@ fn make_private(data_dir: &Path) {
     }
 }
 
-/// Locks the data directory for a server. Waits a little, because commands beside a server take the lock for a moment to see whether there is one.
+/// Locks the data directory for a server. Retries for a moment, because commands take the lock briefly to find out whether a server is
+/// running.
 async fn lock_as_server(data_dir: &Path) -> Result<File> {
     for _ in 0..LOCK_ATTEMPTS {
         if let Some(file) = lock(data_dir)? {

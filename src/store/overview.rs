@@ -65,8 +65,8 @@ row! {
     }
 }
 
-// $1 is a comma-separated list of robot ids, at most one page. The newest rows are found through the indexes of their tables. What is archived, or
-// came from an archived job, asks for nothing.
+// $1 is a comma-separated list of robot ids, at most one page. The newest rows are found through the indexes of their tables. Archived
+// items and items of archived jobs are left out, because they need no attention.
 const LIST: &str = concat!(
     "
     select r.id as id, r.name as name, r.body_json as body_json, r.created_at_ms as created_at_ms, r.check_job_id as check_job_id,

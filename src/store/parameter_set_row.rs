@@ -1,4 +1,4 @@
-//! The row of a parameter set, and what the audit chain has of it.
+//! The row of a parameter set, and the content of the audit entries about it.
 
 use super::from_row::row;
 use super::listing::list_row;
@@ -68,13 +68,13 @@ row! {
 
 list_row!(ParameterSetRow);
 
-/// What the audit chain has of its creation.
+/// Content of the audit entry about its creation.
 pub(super) fn as_created(row: &ParameterSetRow) -> Value {
     json!({"robot_id": row.robot_id, "job_id": row.job_id, "sha256": row.sha256, "created_at_ms": row.created_at_ms,
         "body_sha256": canonical::sha256_hex(row.body_json.as_bytes())})
 }
 
-/// What the audit chain has of its last release, and when it was.
+/// Content of the audit entry about its last release, and the time of the release.
 pub(super) fn as_released(row: &ParameterSetRow) -> Option<(i64, Value)> {
     // A release writes all of these columns. If only some are set, an edit outside the service wrote them. Then the time is 0, and the comparison
     // with the audit chain fails.
@@ -91,7 +91,7 @@ pub(super) fn as_released(row: &ParameterSetRow) -> Option<(i64, Value)> {
     Some((at_ms, detail))
 }
 
-/// What the audit chain has of its withdrawal, and when it was.
+/// Content of the audit entry about its withdrawal, and the time of the withdrawal.
 pub(super) fn as_withdrawn(row: &ParameterSetRow) -> Option<(i64, Value)> {
     let is_set = row.withdraw_reason.is_some() || row.withdrawn_by.is_some();
     let at_ms = row.withdrawn_at_ms.or(is_set.then_some(0))?;

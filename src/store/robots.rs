@@ -141,8 +141,8 @@ const CHECKED_NOW: &str = "
         checked_seq = (select coalesce(max(v.seq), 0) from verification v where v.robot_id = robot.id)
     where id = $1";
 
-/// Content of the audit entry about the creation. `row` comes from the table `robot`, so its document is the one that was created. The name may have
-/// changed in an edit, and then the entry of the edit has the name.
+/// Content of the audit entry about the creation. `row` comes from the table `robot`, so it has the document as it was created. After an
+/// edit the name is left out, because it may have changed; the entry of the edit has the new name.
 fn as_created(row: &RobotRow) -> Value {
     let sha256 = canonical::sha256_hex(row.body_json.as_bytes());
     let mut created = json!({"sha256": sha256, "created_at_ms": row.created_at_ms});

@@ -92,7 +92,7 @@ pub(super) async fn execute(
     Ok(done.rows_affected())
 }
 
-/// Calls `examine` for each row that a query finds, as [`rows_after`] makes one. Reads `batch` rows at a time.
+/// Calls `examine` for each row of a query made by [`rows_after`]. Reads `batch` rows at a time.
 pub(super) async fn each<T: Row>(
     readers: &AnyPool,
     sql: &'static str,

@@ -9,8 +9,8 @@ use super::{Engine, Result, Store};
 
 pub(super) const QUERIES_POSTGRES: &[&str] = &[LOCK_HOLDER];
 
-// The session that has blocked writers for the longest time. This session does not wait for a lock itself. Either other sessions wait for it, or it
-// holds the head of the audit chain, which every write needs. `state_change` is the time at which the session last began or finished a statement.
+// The session that has blocked writers for the longest time. It does not wait for a lock itself; other sessions wait for it, or it holds
+// the head of the audit chain, which every write needs. `state_change` is the time at which the session last began or finished a statement.
 const LOCK_HOLDER: &str = "
     select cast(extract(epoch from clock_timestamp() - holder.state_change) * 1000 as bigint) as held_ms,
         case when holder.state like 'idle in transaction%' then 1 else 0 end as is_idle

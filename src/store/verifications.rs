@@ -112,7 +112,7 @@ row! {
     }
 }
 
-// SQL: the newest set of robot `r` that waits for a decision, or was decided on: not withdrawn, and neither archived nor of an archived job.
+// SQL: the newest set of robot `r` that can be decided on: not withdrawn, not archived, and not of an archived job.
 macro_rules! newest_set {
     () => {
         "(select p.id from parameter_set p where p.robot_id = r.id and p.status <> 'withdrawn'
@@ -121,7 +121,7 @@ macro_rules! newest_set {
 }
 pub(super) use newest_set;
 
-// SQL: the age of a measurement set, as a number in the audit chain. The same bytes uploaded again are as old as they were first.
+// SQL: the age of a measurement set, as a number in the audit chain. If the same bytes were uploaded before, the first upload counts.
 macro_rules! uploaded_seq {
     ($set:literal) => {
         concat!(
@@ -133,7 +133,7 @@ macro_rules! uploaded_seq {
     };
 }
 
-// SQL: the age of the uploads of a verification `v`; of several sessions, the age of the newest.
+// SQL: the age of the uploads of a verification `v`; with several sessions, that of the newest upload.
 macro_rules! uploads_seq {
     () => {
         concat!(
@@ -144,7 +144,7 @@ macro_rules! uploads_seq {
     };
 }
 
-// SQL: the age of the points of a verification `v`. They are as old as what they copy.
+// SQL: the age of the points of a verification `v`. Copied points are as old as the original.
 macro_rules! points_seq {
     () => {
         concat!(
@@ -221,14 +221,19 @@ const OF_NEWEST_SETS: &str = concat!(
 // Counts the facts of the whole robot, because a later session of another set matters as well.
 const COUNT: &str = "select count(*) from verification where robot_id = (select robot_id from parameter_set where id = $1)";
 
-// Sessions whose points were uploaded after those of the set, and from which another set was identified or on which one was scored. The order is that
-// of the uploads in the audit chain; the times of jobs do not matter. The same bytes uploaded again count as old as their first upload. If the set's
-// own points are a copy, they count as old as the original (`measured_seq`). A later session counts as old as its upload, because a possible copy may
-// block a release. Uploads without an entry are older than the chain; among these, and for the
-// same upload, the order of the jobs decides. Jobs that repeat uploads from before a session that did not fit are left out, because they show nothing
-// new. A job with several sessions is not left out, because one repeated session must not hide the others.
-// Of the jobs on the same bytes, the newest counts, and one that fits before one that does not: a file that was read in a wrong way first says nothing.
-// Sessions from before a `checked` request are explained.
+// Later sessions: their points were uploaded after those of the set, and another set was identified from them or scored on them.
+//
+// Order: that of the uploads in the audit chain, never the times of jobs. The same bytes uploaded again are as old as their first upload.
+// If the set's own points are a copy, they are as old as the original (`measured_seq`). A later session is as old as its upload even if it
+// may be a copy: it can block a release. Uploads without an entry are older than the chain. Among these, and for the same upload, the order
+// of the jobs decides.
+//
+// Left out: jobs with one session that repeat uploads from before a session that did not fit, because they show nothing new; a job with
+// several sessions stays, because one repeated session must not hide the others. Sessions before a `checked` request are left out too,
+// because its reason explains them.
+//
+// Of several jobs on the same bytes, a job that fits is preferred to one that does not, because the file may have been read in a wrong way
+// at first; then the newest is taken.
 const LATER_SESSIONS: &str = concat!(
     "
     with own as (
@@ -336,12 +341,12 @@ pub async fn of_set(store: &Store, parameter_set_id: &str) -> Result<Vec<Verific
     sql::all(store.readers(), OF_SET, values![parameter_set_id]).await
 }
 
-/// The uploads whose points the jobs of a parameter set scored; of an identification those that its held-out points are from.
+/// The uploads whose points the jobs of a parameter set scored. For an identification, these are the uploads of its held-out points.
 pub async fn scored_uploads(store: &Store, parameter_set_id: &str) -> Result<Vec<ScoredUpload>> {
     sql::all(store.readers(), SCORED_UPLOADS, values![parameter_set_id]).await
 }
 
-/// All facts of the newest set of each of these robots, as the overview has it: those of one set follow each other, in order.
+/// All facts of the newest set of each of these robots, for the overview. The facts of one set follow each other, in order.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -355,8 +360,9 @@ pub async fn count(store: &Store, parameter_set_id: &str) -> Result<i64> {
     sql::value(store.readers(), COUNT, values![parameter_set_id]).await
 }
 
-/// Sessions uploaded after the points of this parameter set, from which another set was identified or on which one was scored, but not this one, and
-/// which no `checked` request explains. At most `limit`: first those that fit no robot, then the newest.
+/// Later sessions on which this parameter set was not scored, except those that a `checked` request explains: sessions uploaded after the
+/// set's points, from which another set was identified or on which another set was scored. At most `limit`: first those that fit no robot,
+/// then the newest.
 pub async fn later_sessions(
     store: &Store,
     parameter_set_id: &str,

@@ -14,9 +14,9 @@ pub(super) struct WriteProgress(Mutex<State>);
 #[derive(Debug, Default)]
 struct State {
     n_under_way: usize,
-    /// Whether the last write failed.
+    /// Whether the last finished write failed.
     has_failed: bool,
-    /// Since when writes have been waiting or failing without a success. None if no write is waiting and the last write did not fail.
+    /// Start of the period without a successful write; none if no write is waiting and the last write did not fail.
     since: Option<Instant>,
 }
 

@@ -95,7 +95,7 @@ fn is_zero(n: &usize) -> bool {
     *n == 0
 }
 
-/// What versions covered that stored no orders of harmonics.
+/// Default for estimates of older versions, which stored no orders of harmonics: they had only the first harmonic.
 fn first_harmonics() -> Vec<usize> {
     vec![1]
 }
@@ -177,7 +177,7 @@ impl From<&Uncertainty> for StoredUncertainty {
 }
 
 impl StoredUncertainty {
-    /// `all` are the parameters that names may stand for.
+    /// `all` are the parameters in which names are looked up.
     fn uncertainty(
         &self,
         all: &[Parameter],
@@ -203,7 +203,7 @@ impl StoredUncertainty {
             return Err("a joint follows another one that the robot does not have".into());
         }
         if n == n_identified {
-            // older versions stored the sources of a misfit that was not significant
+            // Older versions stored the features of a misfit even if it was not significant.
             features = Misfit {
                 gravity: vec![],
                 followings: vec![],
@@ -230,7 +230,6 @@ impl StoredUncertainty {
     }
 }
 
-/// The parameters of these names.
 fn named(names: &[String], all: &[Parameter]) -> Result<Vec<Parameter>, String> {
     let of_name = |name: &String| {
         let found = all.iter().find(|parameter| parameter.name() == *name);

@@ -55,7 +55,6 @@ impl JointMapBody {
     }
 }
 
-/// A square matrix from its rows.
 pub(super) fn matrix(rows: &[Vec<f64>]) -> DMatrix<f64> {
     DMatrix::from_fn(rows.len(), rows.len(), |i, j| rows[i][j])
 }

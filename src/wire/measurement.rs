@@ -190,10 +190,11 @@ pub fn from_file(
     Ok((set, Some(reading)))
 }
 
-/// The set with its poses inverted, as `inverse_poses` of an upload asks for.
+/// The set with its poses inverted, for `inverse_poses` of an upload.
 ///
 /// # Errors
-/// [`Invalid`] for positions alone, and for poses in the base frame: a board is no robot base.
+/// [`Invalid`] for positions without rotations, and for poses in the base frame: inverted poses are those of a fixed board, which is no
+/// robot base.
 pub fn inverted(set: MeasurementSet) -> Result<MeasurementSet, Invalid> {
     if !set.has_poses() {
         let detail =
@@ -292,7 +293,7 @@ impl MeasurementSetBody {
         self.set_as(frame, n_joints, &reading)
     }
 
-    /// The reading to store with the upload; none if no instrument is stated.
+    /// The reading to store with the upload; none if no instrument is stated. `beside` is the instrument that the query states.
     pub fn reading(&self, beside: Option<InstrumentBody>) -> Option<Reading> {
         let instrument = self.instrument.or(beside)?;
         Some(Reading {

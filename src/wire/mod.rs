@@ -17,7 +17,7 @@ pub mod problem;
 pub mod time;
 pub mod warning;
 
-// Robots and what stands with them under a name.
+// Robots, and the documents that they have under a name.
 pub mod import;
 mod joint_map;
 pub mod key;
@@ -30,7 +30,7 @@ pub mod robot_model;
 pub mod robot_patch;
 pub mod tool;
 
-// Measurements and the tables that they come in.
+// Measurements, and the tables that contain them.
 pub mod columns;
 pub mod frames;
 pub mod instrument;

@@ -166,7 +166,7 @@ impl WorkFrameBody {
         }
     }
 
-    /// The doubt about a frame that was fitted to these points; `None` if there is none, and for a typed frame.
+    /// The warning about a frame whose points do not fit well; `None` if they fit, and for a frame whose pose was entered.
     pub fn doubt(&self, frame: &WorkFrame) -> Option<Warning> {
         self.points.as_ref()?;
         let std_mm = self.std_mm.unwrap_or(0.0);
@@ -178,10 +178,11 @@ impl WorkFrameBody {
         })
     }
 
-    /// Refuses an uncertainty that the stated uncertainties of targets would not contain. Frames that were stored before this check stay usable.
+    /// Refuses `std_mm` of a frame whose pose was entered, because the stated uncertainties of targets would not include it. Frames that
+    /// were stored before this check stay usable.
     ///
     /// # Errors
-    /// [`Invalid`] if the frame is typed and has `std_mm`.
+    /// [`Invalid`] if the frame's pose was entered and `std_mm` is given.
     pub fn check_std(&self) -> Result<(), Invalid> {
         if self.points.is_some() || self.std_mm.is_none() {
             return Ok(());
@@ -191,11 +192,11 @@ impl WorkFrameBody {
         Err(Invalid::at("/std_mm", "mixed_kinds", detail))
     }
 
-    /// Checks that the numbers are in the measuring frame of parameters that are identified from the set. If it has several stations, that is the frame
-    /// of the last one, or of the first one in the base frame.
+    /// Checks that the numbers are in the measuring frame of parameters that are identified from the set. For a set with several stations,
+    /// this is the frame of the last station. In the base frame it is that of the first station.
     ///
     /// # Errors
-    /// [`Invalid`] if the set has several stations and another one, or none, is stated.
+    /// [`Invalid`] if the set has several stations and the body states another station or none.
     pub fn check_station(&self, set: &MeasurementSet) -> Result<(), Invalid> {
         let order = set.measuring_order();
         let stations = order.iter();

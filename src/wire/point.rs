@@ -219,7 +219,6 @@ impl PointBody {
     }
 }
 
-/// A matrix from its rows.
 fn matrix(rows: [[f64; 3]; 3]) -> Matrix3<f64> {
     Matrix3::from_fn(|row, column| rows[row][column])
 }

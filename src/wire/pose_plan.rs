@@ -228,7 +228,7 @@ impl PosePlanBody {
         self.n_repeats.unwrap_or(default)
     }
 
-    /// The space in which the robot may move while it is measured from each set-up. One space without set-ups.
+    /// The space in which the robot may move, one for each set-up; a single space without set-ups.
     pub fn rooms(&self) -> Vec<Room> {
         if self.set_ups.is_empty() {
             return vec![self.room(&self.boxes, self.instrument_mm)];

@@ -10,18 +10,15 @@ use utoipa::ToSchema;
 pub const MAX_LENGTHS: usize = 100;
 /// Longest text about the instrument and its certificate.
 pub const MAX_INSTRUMENT: usize = 500;
-/// A measured length differs from its certificate by at most this share. More is a mistake of the unit or of the pair.
+/// Largest relative difference between a measured length and its certificate. A larger one is a wrong unit or a wrong pair.
 const MAX_RELATIVE_ERROR: f64 = 0.01;
-/// Smallest length, mm: a gauge block. Shorter ones say nothing of a scale.
+/// Smallest length, mm: a short gauge block. A shorter length does not determine a scale.
 const MIN_LENGTH_MM: f64 = 0.5;
-/// Largest length, mm.
 const MAX_LENGTH_MM: f64 = 100_000.0;
-/// Smallest standard uncertainty of a length, mm.
 const MIN_STD_MM: f64 = 1e-6;
-/// Largest standard uncertainty of a length, mm.
 const MAX_STD_MM: f64 = 10.0;
-/// A length that misses the common scale of all lengths by more than this many of its standard uncertainties contradicts them: by chance in one of two
-/// million right lengths.
+/// Largest deviation of a length from the common scale of all lengths, in its standard uncertainties. Beyond it the length contradicts the
+/// others; for a correct length this happens by chance once in two million.
 const MAX_STDS: f64 = 5.0;
 /// Name of a reference without a name.
 const DEFAULT_NAME: &str = "reference";

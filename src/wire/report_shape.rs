@@ -1,4 +1,4 @@
-//! JSON types of a report. Parts that are alike in the core are the core's types, under the names of their schemas.
+//! JSON types of a report. Parts that do not differ from the core's are the core's own types, under the names of their schemas.
 
 pub use crate::calibration::CheckVerdict;
 pub use crate::calibration::quick_check::{

@@ -140,7 +140,8 @@ impl RobotPatchBody {
     }
 }
 
-/// Converts JSON pointers of a robot to pointers into the patch: a robot has its joint limits inside its links, the patch in a field of its own.
+/// Converts JSON pointers of a robot to pointers into the patch. A robot has its joint limits inside its links, the patch in a separate
+/// field.
 fn at_patched_fields(mut invalid: Invalid) -> Invalid {
     for issue in &mut invalid.issues {
         let Some(pointer) = &mut issue.pointer else {

@@ -1,5 +1,5 @@
-//! When, by whom and with what a session was measured: facts for quality records. The trend of a robot uses the time; no gate and no evidence rests
-//! on it, because nobody checks it.
+//! When, by whom and with what a session was measured: facts for quality records. The trend of a robot uses the time. No gate and no
+//! evidence uses these facts, because nobody checks them.
 
 use crate::measurement::MeasurementSet;
 use crate::wire::issue::{Checker, Invalid};
@@ -29,7 +29,7 @@ pub struct SessionRecord {
 }
 
 impl SessionRecord {
-    /// Itself after a check of every value, its time in UTC; `None` if no value is stated.
+    /// Checks every value and converts the time to UTC; `None` if no value is stated.
     pub fn checked(mut self) -> Result<Option<Self>, Invalid> {
         let mut checker = Checker::default();
         for (at, text) in [
@@ -56,14 +56,14 @@ impl SessionRecord {
         Ok((self != Self::default()).then_some(self))
     }
 
-    /// The record of an upload; `None` if neither the record nor a point of the set states anything. Where the record has no time, the session was
-    /// measured at the earliest time of its points.
+    /// The record of an upload; `None` if neither the record nor a point states anything. If the record has no time, the earliest time of
+    /// the points is taken.
     pub fn of_set(stated: Option<Self>, set: &MeasurementSet) -> Option<Self> {
         if stated.as_ref().is_some_and(|of| of.measured_at.is_some()) {
             return stated;
         }
         let times = set.points.iter().filter_map(|p| p.measured_at.as_deref());
-        // in UTC and of one length, so that the order of the texts is that of the times
+        // In UTC all texts have the same length, so their alphabetical order is the order in time.
         let Some(first) = times.filter_map(in_utc).min() else {
             return stated;
         };
@@ -74,7 +74,7 @@ impl SessionRecord {
         })
     }
 
-    /// Names and values of what is stated, for a query.
+    /// Names and values of the stated fields, for a query.
     pub fn parameters(&self) -> impl Iterator<Item = (&'static str, String)> {
         let texts = [
             ("measured_at", &self.measured_at),

@@ -133,7 +133,7 @@ fn joined(
     let (points, found) = join(robot, instrument, how)
         .map_err(|error| invalid(vec![Issue::at("/join", error.code, error.detail)]))?;
     let set = MeasurementSet::new(frame, points);
-    // numbered as they appear in the rows that have a partner
+    // Targets are numbered by their order in the paired rows.
     let of_instrument = UnderstoodBody::from(&instrument.understood).with_targets_of(&set);
     let reading = Reading {
         joined: Some(JoinedFiles {

@@ -19,8 +19,8 @@ pub struct Target {
     pub quaternion: Option<[f64; 4]>,
 }
 
-/// Rotations of all targets in the flange frame, in order from 0. A target has its rotation in `segment`, or in the last segment if it has none
-/// there. Empty if no poses were measured.
+/// Rotations of all targets in the flange frame, in order from 0: each in `segment`, or in the last segment if the target has none there.
+/// Empty if no poses were measured.
 pub(super) fn target_rotations(targets: &[Target], segment: Option<u32>) -> Vec<Rotation3<f64>> {
     if targets.iter().all(|t| t.quaternion.is_none()) {
         return vec![];

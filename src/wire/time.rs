@@ -30,7 +30,7 @@ pub fn is_rfc3339(text: &str) -> bool {
     let is_zone = match zone {
         [b'Z' | b'z'] => true,
         [b'+' | b'-', hours @ .., b':', tens, ones] if hours.len() == 2 => {
-            // up to 23:59 [RFC 3339, section 5.6]
+            // The largest offset is 23:59 [RFC 3339, section 5.6].
             let digits = hours.iter().chain([tens, ones]);
             digits.clone().all(u8::is_ascii_digit) && hours <= b"23".as_slice() && *tens <= b'5'
         }

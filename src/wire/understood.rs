@@ -160,12 +160,12 @@ pub struct Reading {
     /// When, by whom and with what the session was measured, if the query stated it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub record: Option<SessionRecord>,
-    /// True if the poses are to be inverted: those of a fixed board as a carried camera sees it.
+    /// True if the poses are inverted before use: they are those of a fixed board as seen by a camera that the robot carries.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub inverse_poses: bool,
 }
 
-/// Words of columns that say which reflector or which set-up of the instrument a row is of.
+/// Words in the names of columns that identify the reflector or the instrument's set-up of a row.
 const LABELS: [&str; 14] = [
     "target",
     "targets",
@@ -182,11 +182,12 @@ const LABELS: [&str; 14] = [
     "placement",
     "location",
 ];
-/// Maximum number of such columns that a text names.
+/// Maximum number of such columns that a message names.
 const MAX_LABELS: usize = 4;
 
 impl Reading {
-    /// Names the columns that are not read and may say which reflector or which set-up a row is of; `None` if there are none.
+    /// Names the columns that are not read although they may identify the reflector or the instrument's set-up of a row; `None` if there
+    /// are none.
     pub fn unread_labels(&self) -> Option<String> {
         let tables = self.understood.iter().chain(
             self.joined
@@ -279,7 +280,7 @@ fn split(means: &str) -> (&str, Option<&str>) {
 }
 
 impl UnderstoodBody {
-    /// The same with the names of the set's targets, if they have names.
+    /// Adds the names of the set's targets, if they have names.
     pub fn with_targets_of(mut self, set: &MeasurementSet) -> Self {
         let names = set.target_names();
         if !names.is_empty() {

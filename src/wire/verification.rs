@@ -30,7 +30,8 @@ pub struct Verification {
     pub after_rms_mm: Option<f64>,
     /// Expanded uncertainty of `after_rms_mm` (95 %), mm; none if it cannot be computed, or if an older version stored these facts.
     pub after_expanded_mm: Option<f64>,
-    /// Whether the errors of the set are smaller than those of the nominal robot. Facts of older versions state true if the session is no evidence.
+    /// Whether the errors of the set are smaller than those of the nominal robot. In facts of older versions this is true for every session
+    /// that is no evidence.
     pub is_better: bool,
     /// Whether the points fit the robot.
     pub fit: Fit,

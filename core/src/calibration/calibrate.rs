@@ -35,7 +35,7 @@ pub fn calibrate(
     calibrate_then(request, monitor, |report, _, _| Ok(report))
 }
 
-/// As [`calibrate`], with what comes `then`, for which the problem is still there: the one that the delivered parameters were fitted to.
+/// As [`calibrate`], and then calls `then` with the report and the problem that the delivered parameters were fitted to.
 pub fn calibrate_then<T>(
     request: &CalibrationRequest,
     monitor: &mut Monitor<'_>,
@@ -54,7 +54,7 @@ pub fn calibrate_then<T>(
     then(report, &problem, monitor)
 }
 
-/// Runs one calibration of points that belong to one state of the robot. Returns the problem of the delivered parameters as well.
+/// Runs one calibration of points that belong to one state of the robot. Also returns the problem of the delivered parameters.
 fn calibrate_points<'a>(
     request: &'a CalibrationRequest,
     monitor: &mut Monitor<'_>,
@@ -79,7 +79,7 @@ fn calibrate_points<'a>(
     let mut own = comparison_row(&problem, method.as_str(), method.as_str(), &found, None);
     let of_method = found.model.clone();
     let network = match (&found.swarm, method) {
-        // the network predicts link parameters; without free link parameters there is nothing to train
+        // The network predicts link parameters. Without free link parameters there is nothing to train.
         (Some((space, summary)), Method::Pso)
             if problem.parameters.iter().any(Parameter::is_link) =>
         {
@@ -116,7 +116,7 @@ fn calibrate_points<'a>(
         })?,
         false => None,
     };
-    // a separate verification set is screened once, with the robot that was found
+    // A separate verification set is screened once, with the identified robot.
     let layout = watched(monitor, |watch| verify_layout(request, &found.model, watch)).flatten()?;
     own.verify_after = verify_errors(&problem, &of_method, layout.as_ref());
     let comparison = compare(&problem, &choice, own, layout.as_ref(), monitor)?;
@@ -158,10 +158,10 @@ fn calibrate_points<'a>(
     report
         .warnings
         .extend((are_wanted && problem.priors.is_some()).then(corrections::left_out_for_priors));
-    // an estimate from stated priors is not a result of this session alone
+    // An estimate with stated priors does not depend on this session alone.
     let fitted = delivered.as_ref().filter(|_| request.priors.is_empty());
     report.estimate = fitted.and_then(|fit| fit.estimate.clone());
-    // a model that does not fit the points says nothing about changes of the robot
+    // A model that does not fit the points shows nothing about changes of the robot.
     let is_no_fit = report.warnings.iter().any(|told| told.code == NO_FIT);
     if request.previous.is_some() && !is_no_fit {
         report.changes = stage(monitor, "compare_sessions", |monitor| {
@@ -197,7 +197,8 @@ fn unwound(mut links: Vec<Link>, nominal: &[Link]) -> Vec<Link> {
     links
 }
 
-/// Runs the other methods on the same points: always least squares; for BPNN-PSO also the cold swarm and the plain warm start.
+/// Runs other methods on the same points: least squares, unless it is the main method; for BPNN-PSO also the cold swarm and the plain warm
+/// start.
 fn compare(
     problem: &Problem<'_>,
     choice: &Choice,

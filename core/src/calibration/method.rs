@@ -23,7 +23,7 @@ pub enum Method {
 }
 
 impl Method {
-    /// As it stands in requests, reports and on the command line.
+    /// Its name in requests, in reports and on the command line.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Auto => "auto",

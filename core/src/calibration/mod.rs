@@ -55,11 +55,12 @@ use std::ops::ControlFlow;
 /// Events that the monitor receives while a calibration runs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event<'a> {
-    /// A named stage begins: `screening`, then `least_squares`, `pso` or `bpnn_pso` for the main method, then `train_network`, `refine`,
-    /// `corrections`, `compare_least_squares`, `compare_pso`, `compare_warm_start`, `final_fit`, `uncertainty`, `compare_sessions`. A job of kind
-    /// verify has only the stage `verify`. A partial recalibration ends with `held_uncertainty`.
+    /// A named stage begins. A job with several sessions begins with `compare_sessions`. The stages of a calibration are `screening`, then
+    /// `least_squares`, `pso` or `bpnn_pso` for the main method, then `train_network`, `refine`, `corrections`, `compare_least_squares`,
+    /// `compare_pso`, `compare_warm_start`, `final_fit`, `uncertainty`, `compare_sessions`. A job that scores a parameter set has only the
+    /// stage `verify`. A partial recalibration ends with `held_uncertainty`.
     StageStarted(&'a str),
-    /// Nothing to report: a stage other than the main method is running and asks whether to stop.
+    /// A stage other than the main method is running. The monitor can stop the calibration.
     Heartbeat,
     /// The stage of that name ended.
     StageEnded(&'a str),
@@ -81,13 +82,13 @@ pub type Monitor<'a> = dyn FnMut(Event<'_>) -> ControlFlow<()> + 'a;
 /// Why a calibration could not be done.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
-    /// The monitor asked to stop.
+    /// The monitor stopped the calibration.
     #[error("the calibration was cancelled")]
     Cancelled,
     /// Something in the request does not fit together. `code` is stable and goes to the client as it is.
     #[error("{detail}")]
     Unusable {
-        /// Machine-readable reason (`under_determined`, `network_mismatch`, `not_available`, …).
+        /// Machine-readable reason (`under_determined`, `network_mismatch`, `too_much_work`, …); it never changes.
         code: &'static str,
         /// What is wrong, where, and how to correct it.
         detail: String,

@@ -38,14 +38,15 @@ pub struct Held {
     pub session: PreviousSession,
 }
 
-/// As [`calibrate`](crate::calibration::calibrate()), but from the links of an earlier identification. "Before" in the report is the robot with these links. Parameters that are not
-/// free keep their values. Their covariance is taken from the earlier session (consider parameters: Schmidt 1966).
+/// As [`calibrate`](crate::calibration::calibrate()), but starts from the links of an earlier identification. "Before" in the report is the
+/// robot with these links. Parameters that are not free keep their values. Their covariance is taken from the earlier session (consider
+/// parameters: Schmidt 1966).
 pub fn calibrate_partially(
     request: &CalibrationRequest,
     held: &Held,
     monitor: &mut Monitor<'_>,
 ) -> Result<CalibrationReport, Error> {
-    // with few free parameters, corrections would absorb the errors of the held parameters
+    // With few free parameters, corrections would absorb the errors of the held parameters.
     let from_held = CalibrationRequest {
         robot: Robot {
             links: held.links.clone(),
@@ -59,7 +60,7 @@ pub fn calibrate_partially(
     })
 }
 
-/// Completes the report of a partial fit: uncertainty with that of the held parameters, or a warning if others have changed.
+/// Completes the report of a partial fit: adds the uncertainty from the held parameters, or a warning if held parameters have changed.
 fn finished(
     request: &CalibrationRequest,
     held: &Held,
@@ -80,7 +81,7 @@ fn finished(
             verify.after.rms_mm, verify.before.rms_mm
         );
     }
-    // the priors of this estimate refer to the held links, not to the nominal links
+    // The priors of this estimate refer to the held links, not to the nominal links.
     report.estimate = None;
     report.warnings.extend(
         corrections::are_wanted(request.corrections, request.preset)
@@ -96,7 +97,7 @@ fn finished(
         frames: request.frames.clone(),
         ..whole.clone()
     };
-    // estimates of both sessions with all parameters free
+    // Estimates of both sessions, with all parameters free.
     let (earlier, anew) = stage(monitor, "held_uncertainty", |monitor| {
         let anew = estimate(&of_all_parameters, &mut quiet(monitor))?;
         let n_targets = held.session.set.n_targets();
@@ -116,7 +117,7 @@ fn finished(
     });
     match (others_changed, of_held, report.uncertainty.clone()) {
         (Some(warning), ..) => withhold(&mut report, warning),
-        // the partial fit has no uncertainty, and the report already says why
+        // The partial fit has no uncertainty, and the report already states why.
         (None, _, None) => {}
         (None, None, Some(_)) => withhold(&mut report, held_uncertainty_unknown()),
         (None, Some(of_held), Some(own)) => {
@@ -124,7 +125,7 @@ fn finished(
             state(&mut report, problem, &parameters, of_both(&own, &of_held));
         }
     }
-    // flange rotation: uncertainty of the held robot from the earlier session, combined with that of this session
+    // Uncertainty of the flange's rotation: that of the held robot from the earlier session, combined with that of this session.
     let of_whole = match watched(monitor, |watch| Problem::new(&whole, watch)).flatten() {
         Err(Error::Cancelled) => return Err(Error::Cancelled),
         other => other.ok(),
@@ -145,7 +146,7 @@ fn finished(
             .zip(report.flange_rotation)
             .map(|(held, own)| FlangeRotation {
                 by_positions_rad: libm::hypot(held.by_positions_rad, own.by_positions_rad),
-                // a held joint zero has not moved since the earlier session
+                // A held joint zero has not changed since the earlier session.
                 last_joint_zero_rad: match is_last_zero_free {
                     true => libm::hypot(held.last_joint_zero_rad, own.last_joint_zero_rad),
                     false => held.last_joint_zero_rad,
@@ -306,7 +307,7 @@ fn of_both(own: &Uncertainty, of_held: &HeldErrors) -> Uncertainty {
     }
 }
 
-/// Writes the uncertainty into the report: of each parameter and of the tool.
+/// Writes the uncertainty of each parameter and of the tool into the report.
 fn state(
     report: &mut CalibrationReport,
     problem: &Problem<'_>,

@@ -1,4 +1,4 @@
-//! Input of the methods: the points of a request, its free parameters, and what is known of them.
+//! Input of the methods: the points of a request, its free parameters, and prior knowledge.
 
 use crate::calibration::preparation::arrangement::Arrangement;
 use crate::calibration::preparation::loss::PointLoss;
@@ -65,7 +65,7 @@ impl Problem<'_> {
         }
     }
 
-    /// As [`Self::with_tool_of`], but recomputed for any model. The complete model has its tool in the targets.
+    /// As [`Self::with_tool_of`], but recomputes the decomposition for any model. In the complete model the tool is part of the targets.
     pub fn decomposed_with_tool_of(self, model: &KinematicModel) -> Self {
         let mut tooled = self.nominal.clone();
         if let (Model::Paper, Some(last)) = (self.request.model(), tooled.links.last_mut()) {

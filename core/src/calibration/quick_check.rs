@@ -86,9 +86,9 @@ pub struct QuickCheck {
     pub next: String,
 }
 
-/// Warning: the released set no longer holds.
+/// Warning: the released set is no longer valid.
 pub const CHECK_CHANGED: &str = "check_changed";
-/// Warning: the poses cannot tell whether the set holds.
+/// Warning: the poses do not show whether the set is still valid.
 pub const CHECK_CANNOT_TELL: &str = "check_cannot_tell";
 /// Maximum number of changed parameters that count as an explanation.
 pub const FEW_CAUSES: usize = 3;

@@ -1,4 +1,4 @@
-//! Scale of an instrument, from lengths that are known by a certificate and that it measured: a scale bar, an interferometer, gauge blocks.
+//! Scale error of an instrument, from lengths with a certificate that it measured: a scale bar, an interferometer, gauge blocks.
 
 use crate::identification::statistics::workspace::ToolUncertainty;
 use crate::kinematics::{Link, reach_mm};
@@ -23,7 +23,8 @@ pub struct InstrumentScale {
     pub std: f64,
 }
 
-/// An error of the scale is told if it exceeds this multiple of its standard uncertainty: by chance once in twenty correct instruments.
+/// The reference shows a scale error if the error exceeds this multiple of its standard uncertainty. By chance, one in twenty correct
+/// instruments exceeds it.
 const COVERAGE: f64 = 2.0;
 
 impl InstrumentScale {
@@ -53,7 +54,7 @@ impl InstrumentScale {
         })
     }
 
-    /// What is left of a length after the error of the scale, in its standard uncertainties.
+    /// Difference of the measured length from the certified one after the scale error is removed, in standard uncertainties.
     pub fn residual_stds(&self, length: &ReferenceLength) -> f64 {
         (length.measured_mm - length.nominal_mm * (1.0 + self.error)) / length.std_mm
     }
@@ -63,13 +64,13 @@ impl InstrumentScale {
         self.error.abs() > COVERAGE * self.std
     }
 
-    /// Standard uncertainty of a length of `length_mm` that the instrument measured, mm. Positions are not corrected for the error of the scale, so it
-    /// counts as well.
+    /// Standard uncertainty of a length of `length_mm` measured with the instrument, mm. Positions are not corrected for the scale error,
+    /// so the error itself is included.
     pub fn std_mm(&self, length_mm: f64) -> f64 {
         libm::hypot(self.error, self.std) * length_mm
     }
 
-    /// Whether an error `scale` of all lengths of a robot is mostly that of the instrument.
+    /// Whether a relative error `scale` of all lengths of a robot comes mostly from the instrument.
     pub fn explains(&self, scale: f64) -> bool {
         (scale - self.error).abs() <= 0.5 * scale.abs()
     }
@@ -93,7 +94,7 @@ impl ScaleAtReach {
         }
     }
 
-    /// A tool's uncertainty with that of the scale, as the root of the sum of squares.
+    /// Adds the uncertainty of the scale to that of a tool, as the root of the sum of squares.
     pub fn added_to(&self, tool: ToolUncertainty) -> ToolUncertainty {
         ToolUncertainty {
             mean_mm: libm::hypot(tool.mean_mm, self.std_mm),

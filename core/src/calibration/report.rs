@@ -80,7 +80,7 @@ pub struct RotationErrors {
 }
 
 impl SubsetErrors {
-    /// The larger errors of two: of the links alone, and with corrections. Either model may be used to move the robot.
+    /// The larger of two errors: with the links alone, and with corrections. Either model may be used to move the robot.
     pub fn worse(&self) -> Errors {
         self.corrected
             .filter(|corrected| corrected.rms_mm > self.after.rms_mm)
@@ -242,7 +242,7 @@ impl FlangeRotation {
     }
 }
 
-/// The outcome of one calibration. The default has identified nothing, as a verification.
+/// The outcome of one calibration. The default is a verification, which identifies nothing.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CalibrationReport {
     /// The method that ran (never `Auto`).
@@ -271,7 +271,7 @@ pub struct CalibrationReport {
     pub verify: Option<SubsetErrors>,
     /// Errors of the verify subset without outliers; `None` if it has none.
     pub verify_without_outliers: Option<SubsetErrors>,
-    /// The delivered fit; `None` if the parameters that were verified are delivered.
+    /// Errors of the delivered fit; `None` if the verified parameters themselves are delivered.
     pub final_fit: Option<FinalErrors>,
     /// Every point of the set (and of the verify set, after them), in order.
     pub per_point: Vec<PointErrors>,
@@ -287,8 +287,8 @@ pub struct CalibrationReport {
     pub error_model: Option<ErrorModel>,
     /// The full uncertainty, with the covariance: rows in the order of `parameters`.
     pub uncertainty: Option<Uncertainty>,
-    /// Estimate of the delivered fit, for comparison with later sessions. `None` if priors were stated, if there is no fit to all points, or if its
-    /// uncertainty cannot be stated.
+    /// Estimate of the delivered fit, for comparison with later sessions. `None` if priors were stated, if there is no fit to all points, or
+    /// if its uncertainty cannot be stated.
     pub estimate: Option<Estimate>,
     /// Why no uncertainty is stated, if a robot was identified without one.
     pub uncertainty_absent_because: Option<String>,
@@ -308,7 +308,7 @@ pub struct CalibrationReport {
     pub links: Vec<Link>,
     /// Measuring frame to base; identity for `model: paper` on frame=base.
     pub t_instrument_base: IsometryMatrix3<f64>,
-    /// Target offsets in the flange frame, mm: first every target as it was last, then the earlier segments of those that moved.
+    /// Target positions in the flange frame, mm: first the last segment of every target, then the earlier segments of those that moved.
     pub targets_mm: Vec<Vector3<f64>>,
     /// Rotation of each target in the flange frame, if poses were measured.
     pub target_rotations: Vec<Rotation3<f64>>,
@@ -322,7 +322,7 @@ pub struct CalibrationReport {
     pub corrections: Option<Vec<Evidence>>,
     /// The sessions that were fitted together; `None` for a single upload.
     pub pooled: Option<PooledSessions>,
-    /// Whether the released set still holds; only for a quick check.
+    /// Whether the released set is still valid; only for a quick check.
     pub quick_check: Option<QuickCheck>,
     /// The network trained on this run, if it was a swarm.
     pub network: Option<TrainedNetwork>,
@@ -366,7 +366,7 @@ pub struct PooledSession {
 
 /// Warning: the session's poses show too little of the robot to be evidence.
 pub const SHOWS_LITTLE: &str = "session_shows_little";
-/// Warning: the set was identified in the base frame, but the points were scored with a base placed anew.
+/// Warning: the set was identified in the base frame, but the points were scored with a base fitted to them.
 pub const BASE_NOT_CHECKED: &str = "base_not_checked";
 /// Warning: there are few points for the number of fitted base and target parameters.
 pub const FEW_VERIFY_POINTS: &str = "few_verify_points";
@@ -377,7 +377,7 @@ impl CalibrationReport {
     /// True if the verify points are evidence for a release: they fit the robot, are numerous enough, and are not those of a quick check.
     pub fn is_evidence(&self) -> bool {
         let mut says_nothing = vec![DOES_NOT_FIT, NO_FIT, FEW_VERIFY_POINTS, SHOWS_LITTLE];
-        // a job that identifies has fitted its own base: such points are as good as those held out of the same upload
+        // An identifying job has fitted its own base, so such points are as good as those held out of the same upload.
         if self.identify.n_points == 0 {
             says_nothing.push(BASE_NOT_CHECKED);
         }

@@ -86,7 +86,8 @@ pub struct CalibrationRequest {
     pub set: MeasurementSet,
     /// The sessions that `set` joins ([`crate::measurement::sessions`]), as each was uploaded; empty for a single upload.
     pub sessions: Vec<MeasurementSet>,
-    /// The noise of each session by itself: of a coordinate of a point of weight 1, mm. Empty: all sessions count alike.
+    /// Noise of each session, estimated from the session alone: standard deviation of a coordinate of a point of weight 1, mm. Empty: all
+    /// sessions count alike.
     pub session_noise_mm: Vec<f64>,
     /// Method of identification.
     pub method: Method,
@@ -110,8 +111,8 @@ pub struct CalibrationRequest {
     pub verify: VerifySource,
     /// Search options.
     pub options: SearchOptions,
-    /// Which points the delivered parameters are fitted to. `None`: all points; but the identify subset in the paper's preset and for a swarm that is
-    /// not refined.
+    /// Points that the delivered parameters are fitted to. `None`: all points, except that it is the identify subset with the paper's preset
+    /// and for a swarm that is not refined.
     pub final_fit: Option<FinalFit>,
     /// Whether corrections are searched; `None`: yes, except in the paper's preset.
     pub corrections: Option<CorrectionsChoice>,
@@ -123,9 +124,9 @@ pub struct CalibrationRequest {
     pub instrument_scale: Option<InstrumentScale>,
     /// Errors of the verified parameter set on its own held-out points: the reference for judging whether a session fits the robot.
     pub held_out: Option<HeldOut>,
-    /// Code with which an upload of the request was refused, if the upload was kept by explicit request.
+    /// Code with which an upload of the request was refused; set if the uploader insisted on it.
     pub refused_as: Option<String>,
-    /// Text that names columns of the files that are not read and may say which reflector or set-up of the instrument a row is of.
+    /// Names the columns of the files that are not read although they may identify the reflector or the set-up of a row.
     pub unread_labels: Option<String>,
     /// Residual network of the robot's last identification. Training of a new one starts from it.
     pub residual_network: Option<ResidualNetwork>,
@@ -190,7 +191,7 @@ impl CalibrationRequest {
         Some(ScaleAtReach::new(scale, &self.robot.links))
     }
 
-    /// The model that is identified: the one asked for, else [`default_model`].
+    /// The model that is identified: the requested one, or [`default_model`].
     pub fn model(&self) -> Model {
         let default = match self.set.has_poses() {
             true => Model::Complete,
@@ -200,7 +201,7 @@ impl CalibrationRequest {
     }
 }
 
-/// The default model: the paper's with sweeps, or in the base frame with the paper's preset; else the complete one.
+/// The default model. It is the paper's if there are sweeps, or in the base frame with the paper's preset; otherwise the complete one.
 pub fn default_model(preset: Preset, frame: Frame, has_frames: bool) -> Model {
     if has_frames || (preset == Preset::Paper && frame == Frame::Base) {
         Model::Paper

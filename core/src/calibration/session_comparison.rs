@@ -25,7 +25,7 @@ use crate::measurement::{Frame, MeasurementSet, Subset};
 
 /// Code of the warning that the robot has changed.
 pub const ROBOT_CHANGED: &str = "robot_changed";
-/// A change by more than this share of what a fresh robot is expected to be off (1 mm, 0.3°) is a jump.
+/// A change is a jump if it exceeds this share of the expected errors of an uncalibrated robot (1 mm, 0.3°).
 const JUMP_SHARE: f64 = 0.2;
 /// A collision changes few parameters: at most this share of the combinations that both sessions determine.
 const MAX_COLLISION_SHARE: f64 = 0.35;
@@ -78,7 +78,7 @@ pub fn estimate_of_request(
     estimate(&alike(request, set, frames), monitor)
 }
 
-/// A session of the request's robot with the request's model and free parameters, and all other options at their defaults.
+/// A request for a session of the same robot, with the same model and free parameters, and all other options at their defaults.
 fn alike(
     request: &CalibrationRequest,
     set: MeasurementSet,
@@ -160,7 +160,7 @@ fn in_words(comparison: &Comparison, request: &CalibrationRequest) -> Changes {
         );
         warnings.push(Warning::new(ROBOT_CHANGED, detail));
     }
-    // Each set-up of an instrument has its own base.
+    // Each set-up of the instrument has its own base, so a difference of bases is no change.
     let is_own = |change: &&Change| {
         let is_base = !matches!(change.parameters[0], Parameter::Target(..));
         !(is_base && request.set.frame == Frame::Instrument)
@@ -188,7 +188,7 @@ fn in_words(comparison: &Comparison, request: &CalibrationRequest) -> Changes {
     }
 }
 
-/// A sentence for two sessions that differ, if the reference of an upload shows an instrument with a wrong scale; else nothing.
+/// Sentence for the message that two sessions differ: the reference shows a scale error of the instrument. Empty if it shows none.
 pub fn scale_remark(request: &CalibrationRequest) -> String {
     let is_off = |scale: &InstrumentScale| scale.is_off();
     let Some(scale) = request.instrument_scale.filter(is_off) else {

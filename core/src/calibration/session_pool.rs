@@ -30,7 +30,7 @@ use std::collections::BTreeSet;
 
 /// Refusal code: the sessions are not of one robot in one state.
 pub const SESSIONS_DIFFER: &str = "sessions_differ";
-/// Refusal code: a target of one name is at different places of the tool.
+/// Refusal code: a target of the same name is at different places on the tool.
 const TARGET_MOUNTED_ANEW: &str = "target_mounted_anew";
 /// Minimum redundancy for a session's own noise estimate. With less, the pooled noise of all sessions is used.
 const MIN_REDUNDANT: f64 = 10.0;
@@ -118,7 +118,7 @@ fn alone(request: &CalibrationRequest, set: &MeasurementSet) -> CalibrationReque
     };
     let model = model_parameters(&alone, set.n_targets());
     let known: BTreeSet<String> = model.iter().map(Parameter::name).collect();
-    // parameters of other sessions' targets do not exist in this session
+    // The names of other sessions' targets do not exist in this session.
     let of_session = |names: &[String]| {
         names
             .iter()
@@ -164,8 +164,9 @@ pub struct Pool {
 /// Compares the sessions of a request; `None` for a single upload.
 ///
 /// # Errors
-/// [`Error::Unusable`] with code `sessions_differ` if they are not one robot in one state, `target_mounted_anew` if a target of one name was mounted anew between them, `noise_overstated` if a session states far too much noise to tell, `session_not_comparable` if a session cannot be compared,
-/// [`Error::Cancelled`].
+/// [`Error::Unusable`] with code `sessions_differ` if they are not one robot in one state, `target_mounted_anew` if a target of the same
+/// name was mounted anew between them, `noise_overstated` if a session states far too much noise for a comparison, `session_not_comparable`
+/// if a session cannot be compared; [`Error::Cancelled`].
 pub fn compare_sessions(
     request: &CalibrationRequest,
     monitor: &mut Monitor<'_>,
@@ -217,8 +218,8 @@ fn too_coarse(session: usize, overstated: &OverstatedNoise) -> Error {
     unusable(NOISE_OVERSTATED, detail)
 }
 
-/// Probability of a false alarm of each test, so that one of all of them is as rare as stated: robot, base in one frame, and shared targets, of each pair
-/// of sessions.
+/// Significance level of each single test, such that all tests together have the stated probability of a false alarm. For each pair of
+/// sessions there are tests of the robot, of the base (in one frame), and of the shared targets.
 fn share_of_alarms(request: &CalibrationRequest) -> f64 {
     let sets = &request.sessions;
     let of_base = usize::from(request.set.frame == Frame::Base);
@@ -229,7 +230,7 @@ fn share_of_alarms(request: &CalibrationRequest) -> f64 {
     FALSE_ALARMS / n_tests.max(1) as f64
 }
 
-/// What a test names, in words.
+/// Text about the changes that a test found.
 fn changes_of(tested: &Tested) -> String {
     match tested.changes.is_empty() {
         true => "no single number explains the difference".into(),
@@ -237,7 +238,7 @@ fn changes_of(tested: &Tested) -> String {
     }
 }
 
-/// Refuses sessions in which a target of one name was not at one place of the tool.
+/// Refuses sessions in which a target of the same name was not at the same place on the tool.
 fn shared_targets_agree(
     request: &CalibrationRequest,
     estimates: &[Estimate],
@@ -267,7 +268,7 @@ fn shared_targets_agree(
     Ok(())
 }
 
-/// Refuses sessions in the base frame between which the base moved: corrected targets are met in one base only.
+/// Refuses sessions in the base frame if the base moved between them, because corrected targets are valid for one base only.
 fn bases_agree(
     request: &CalibrationRequest,
     estimates: &[Estimate],

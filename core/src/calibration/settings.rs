@@ -34,10 +34,12 @@ fn paper() -> Settings {
     }
 }
 
-/// `preset: "default"`: our choices. Singular directions of the scaled Jacobian, and w 0.65, c1 1.7, c2 1.5. These values are slightly further inside
-/// the region where the particles' variance converges (c1 + c2 < 24·(1 − w²)/(7 − 5·w) [Poli 2009]): they are at 87 % of its edge, Clerc and
-/// Kennedy's 0.7298, 1.49618 at 89 %. Each particle's own best has more weight. Chosen on seeds, boxes and truths other than those of
-/// docs/identification.md. Nearer to the middle of the region the swarm is faster with few directions, but stops short of the answer with 40.
+/// `preset: "default"`: our choices. The search runs along singular directions of the scaled Jacobian, with w = 0.65, c1 = 1.7, c2 = 1.5,
+/// so each particle's own best has more weight than the swarm's.
+///
+/// The variance of the particles converges if c1 + c2 < 24·(1 − w²)/(7 − 5·w) [Poli 2009]. These values are at 87 % of this limit; Clerc
+/// and Kennedy's 0.7298 and 1.49618 are at 89 %. Further inside, the swarm is faster with few directions, but stops short of the minimum
+/// with 40. The values were chosen on other seeds, boxes and true robots than those of docs/identification.md.
 fn ours() -> Settings {
     Settings {
         pso: pso::Options {
@@ -54,7 +56,7 @@ fn ours() -> Settings {
     }
 }
 
-/// The preset's settings, with the request's explicit options over them.
+/// The preset's settings, overridden by the request's explicit options.
 pub fn settings(request: &CalibrationRequest) -> Settings {
     let mut settings = match request.preset {
         Preset::Paper => paper(),

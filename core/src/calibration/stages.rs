@@ -25,7 +25,7 @@ fn tell(monitor: &mut Monitor<'_>, event: Event<'_>) -> Result<(), Error> {
     }
 }
 
-/// Runs code that asks the watch between its parts whether to go on.
+/// Runs code that asks the watch from time to time whether to stop.
 ///
 /// # Errors
 /// [`Error::Cancelled`] if the monitor broke. The result of `run` is then incomplete and is discarded.

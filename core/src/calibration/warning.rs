@@ -3,9 +3,9 @@
 /// A warning in the report.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Warning {
-    /// Stable code.
+    /// Machine-readable code; it never changes.
     pub code: &'static str,
-    /// In words.
+    /// Text for people.
     pub detail: String,
     /// 0-based data rows concerned, if any.
     pub rows: Vec<usize>,

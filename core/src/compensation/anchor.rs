@@ -1,8 +1,9 @@
 //! Unique base and flange of an identified robot, independent of how the identification divided them between links, base and targets.
 //!
-//! Moving the base has the same effect as other values of link 1. Moving the targets has the same effect as another theta_offset and d of the last
-//! link. How a parameter set divides these says nothing about the robot. Base and flange are therefore anchored to the robot's axes: the base frame
-//! is the one in which link 1 is nominal, and the flange is the one for which theta_offset and d of the last link are nominal.
+//! Moving the base has the same effect as other values of link 1. Moving the targets has the same effect as another theta_offset and d of
+//! the last link. How a parameter set divides these effects shows nothing about the robot. Base and flange are therefore anchored to the
+//! robot's axes: the anchored base frame is the one in which link 1 is nominal, and the anchored flange is the one for which theta_offset
+//! and d of the last link are nominal.
 
 use crate::compensation::mode::Base;
 use crate::identification::KinematicModel;
@@ -34,13 +35,13 @@ fn without_redundant_beta(identified: &[Link], nominal: &[Link]) -> Vec<Link> {
         }
         let (sin_alpha, cos_alpha) = libm::sincos(link.alpha_rad);
         let (sin_beta, cos_beta) = libm::sincos(link.beta_rad);
-        // the second axis is (sin β, −sin α·cos β, cos α·cos β)
+        // The second axis is (sin β, −sin α·cos β, cos α·cos β).
         let across = (sin_beta * sin_beta + (sin_alpha * cos_beta) * (sin_alpha * cos_beta)).sqrt();
         let sin = across.copysign(sin_alpha);
         let cos = cos_alpha * cos_beta;
         let (sin_phi, cos_phi) = (sin_beta / sin, sin_alpha * cos_beta / sin);
         let t = link.a_mm * sin_phi / sin;
-        // x of the link before its joint's rotation, relative to the common normal and its perpendicular
+        // The x axis of the link before its joint's rotation, relative to the common normal and its perpendicular.
         let along = cos_phi * cos_beta + sin_phi * sin_alpha * sin_beta;
         let beside = cos * (cos_phi * sin_alpha * sin_beta - sin_phi * cos_beta)
             - sin * cos_alpha * sin_beta;
@@ -73,7 +74,7 @@ pub fn anchor(identified: &[Link], nominal: &[Link]) -> Anchor {
     let last = nominal.len() - 1;
     let (first_group, last_group) = (first_group_end(nominal), last_group_start(nominal));
     let slide = |link: usize| identified[link].d_mm - nominal[link].d_mm;
-    // d along axis i shifts along axis 1 (or n) by the product of the cosines in between
+    // d along axis i shifts along axis 1 (or n) by the product of the cosines in between.
     let cosine = |from: usize, to: usize| {
         nominal[from + 1..=to]
             .iter()
@@ -102,7 +103,7 @@ pub fn anchor(identified: &[Link], nominal: &[Link]) -> Anchor {
         * t_previous_link(&turned(0, at_base), 0.0)
         * before(&nominal[0]).inverse();
     let t_anchored_flange = if last_group == 0 {
-        IsometryMatrix3::identity() // all axes are parallel: the base carries it
+        IsometryMatrix3::identity() // all axes are parallel, so the base contains the shift
     } else {
         let at_flange: f64 = (last_group..=last)
             .map(|link| cosine(link, last) * slide(link))
@@ -123,11 +124,11 @@ fn first_group_end(nominal: &[Link]) -> usize {
         .unwrap_or(0)
 }
 
-/// d of the last link is off by at most this many usual errors of a link. A larger change contains the length of a tool.
+/// Largest error of d of the last link, in usual errors of a link. A larger change contains the length of a tool.
 const MAX_USUAL_ERRORS: f64 = 3.0;
 
-/// A reflector that the paper's model holds at the flange's origin. If it is ahead of it, d of the last link contains its length, and positions do
-/// not show how much of the change is an error of the link.
+/// A reflector that the paper's model holds at the flange's origin. If it is really in front of the flange, d of the last link contains its
+/// length, and positions do not show how much of the change is an error of the link.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeldReflector {
     /// Change of d of the last link, mm.
@@ -148,8 +149,8 @@ impl HeldReflector {
         })
     }
 
-    /// Error of the flange along the last axis if nothing is known of the reflector's length, mm: the root mean square of what is corrected as an
-    /// error of the link, minus the link's error, whose standard deviation is the usual one.
+    /// Error of the flange along the last axis if nothing is known about the reflector's length, mm: root mean square of the difference
+    /// between what is corrected as an error of the link and the real error, whose standard deviation is the usual one.
     pub fn flange_error_mm(&self) -> f64 {
         let corrected_mm = if self.is_length { 0.0 } else { self.change_mm };
         libm::hypot(self.usual_error_mm, corrected_mm)
@@ -174,9 +175,9 @@ pub fn contains_tool(identified: &[Link], nominal: &[Link]) -> bool {
     change_of_last_d_mm(identified, nominal).abs() > most_mm
 }
 
-/// The anchor for targets that are met in the measuring frame, if positions were measured in the nominal base frame. The base stays where the
-/// measurements place it. d of the last link also stays, as the paper's model identifies it with the reflector held on the flange. With `has_tool` it
-/// contains the length of a tool that the nominal robot does not know, and it is anchored.
+/// The anchor for targets that must be reached in the measuring frame, if positions were measured in the nominal base frame. The base stays
+/// where the measurements place it. d of the last link also stays, as the paper's model identifies it with the reflector held at the
+/// flange. With `has_tool`, d contains the length of a tool that the nominal robot does not have, and it is anchored.
 fn anchor_in_measuring_frame(
     identified: &KinematicModel,
     nominal: &[Link],
@@ -193,7 +194,7 @@ fn anchor_in_measuring_frame(
     }
 }
 
-/// The anchor for targets that are met in the frame of `base`. `has_tool`: see [`contains_tool`].
+/// The anchor for targets that must be reached in the frame of `base`. `has_tool`: see [`contains_tool`].
 ///
 /// # Panics
 /// If the robots have not the same number of links.

@@ -1,7 +1,7 @@
 //! Cartesian targets: the joint values that reach a pose, near given joint values.
 //!
-//! A controller that receives a pose computes the joint values of the nominal robot. These are therefore computed first, and are then corrected like
-//! any other target.
+//! A controller that receives a pose computes the joint values of the nominal robot. These joint values are therefore computed first and
+//! then corrected like any other target.
 
 use crate::compensation::mode::{Mode, Status};
 use crate::compensation::targets::{Compensation, Corrected, Tool};
@@ -9,12 +9,12 @@ use crate::kinematics::Robot;
 use nalgebra::{DVector, IsometryMatrix3};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-/// Each solution moves a joint by at most 10°, so this many cover a full turn.
+/// Maximum number of solutions in one search. Each moves a joint by at most 10°, so this number covers a full turn.
 const MAX_SOLUTIONS: usize = 36;
 /// The iteration ends when a solution moves no joint by more than this, rad.
 const STEP_RAD: f64 = 1e-10;
-/// Above this distance of a joint, other solutions are tried, and a distance that remains is reported. Below it, a flipped wrist or a full turn
-/// cannot be nearer.
+/// If a joint is further away than this, other solutions are tried, and a remaining distance is reported. Below it, neither a flipped wrist
+/// nor a full turn can be nearer.
 const FAR_RAD: f64 = FRAC_PI_2;
 
 /// A corrected Cartesian target.
@@ -22,7 +22,7 @@ const FAR_RAD: f64 = FRAC_PI_2;
 pub struct CorrectedPose {
     /// The controller's joint values with which the nominal robot has its tool at the target, rad. The controller would compute them itself.
     pub q_nominal_rad: Vec<f64>,
-    /// True if one of them is more than 90° from the joint values near which the target was to be reached.
+    /// True if one of them is more than 90° away from the requested joint values.
     pub is_far: bool,
     /// The corrected joint values. `position_error_before_mm` is that of the nominal joint values.
     pub corrected: Corrected,
@@ -63,7 +63,7 @@ impl Compensation<'_> {
     }
 }
 
-/// Solves from the solution before until the target is reached or nothing moves.
+/// Repeats `solve` from the last solution until the target is reached or nothing moves.
 fn search(q_near_rad: &[f64], solve: impl Fn(&[f64]) -> Corrected) -> Corrected {
     let mut solved = solve(q_near_rad);
     let mut step_rad = apart_rad(&solved.q_controller_rad, q_near_rad);
@@ -78,8 +78,9 @@ fn search(q_near_rad: &[f64], solve: impl Fn(&[f64]) -> Corrected) -> Corrected 
     solved
 }
 
-/// The solution and, for a wrist of three axes at right angles, the solution with the wrist flipped: θ of the last three joints + 180°, negated and
-/// + 180°. Both are without full turns away from `q_near_rad`. For other wrists the second one is a start like any other.
+/// Starts of further searches: the solution, and the one with the wrist flipped: θ of the last three joints + 180°, negated, and + 180°.
+/// Both are without full turns relative to `q_near_rad`. The second one is exact for a wrist of three axes at right angles; for other
+/// wrists it is just another start.
 fn other_starts(robot: &Robot, q_rad: &[f64], q_near_rad: &[f64]) -> Vec<Vec<f64>> {
     let mut starts = vec![q_rad.to_vec()];
     let n = q_rad.len();

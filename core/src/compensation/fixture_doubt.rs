@@ -1,14 +1,14 @@
-//! Points of a fixture that fit its drawing roughly, and still leave a doubt: one point is off, all scatter more than is stated, nothing checks them, or
-//! they lie in one plane and do not show a mirrored drawing.
+//! Points of a fixture that fit its drawing roughly but leave a doubt: one point is off, all scatter more than stated, nothing checks them,
+//! or they lie in one plane and do not show a mirrored drawing.
 
 use crate::compensation::work_frame::{FixturePoint, MIN_POINTS, WorkFrame, is_flat};
 use crate::identification::statistics::distributions::{chi_square_tail, f_quantile, f_tail};
 use nalgebra::{Unit, Vector3};
 use std::fmt;
 
-/// Probability of a false alarm for a fixture whose points have noise alone.
+/// Probability of a false alarm for a fixture whose points have only noise.
 const FALSE_ALARM: f64 = 1e-3;
-/// Another point explains the misfit as well if what is left without it exceeds the smallest remainder with at least this probability.
+/// Another point explains the misfit as well if the remainder without it exceeds the smallest remainder with at least this probability.
 const MIN_PROBABILITY: f64 = 0.01;
 /// Noise below this share of the largest residual is rounding.
 const ROUNDING: f64 = 1e-6;
@@ -16,7 +16,7 @@ const ROUNDING: f64 = 1e-6;
 /// Why a measured frame is doubted.
 #[derive(Clone, Debug, PartialEq)]
 pub enum FixtureDoubt {
-    /// Three points: one that is off along the normal of their plane does not show, nor does a mirrored drawing.
+    /// Three points. Neither a point that is off along the normal of their plane nor a mirrored drawing would show.
     Unchecked {
         /// The z axis of the frame in the frame that the points were measured in.
         z: Unit<Vector3<f64>>,
@@ -26,11 +26,11 @@ pub enum FixtureDoubt {
         /// The z axis of the frame in the frame that the points were measured in.
         z: Unit<Vector3<f64>>,
     },
-    /// The fit is much better without one point. Several candidates if it cannot be told which one, 0-based.
+    /// The fit is much better without one point. Several candidates (0-based) if it is unknown which one.
     Point {
-        /// The candidates.
+        /// The candidates, 0-based.
         candidates: Vec<usize>,
-        /// How far the first candidate is from the frame of the other points, mm.
+        /// Distance of the first candidate from its position in the frame of the other points, mm.
         off_mm: f64,
     },
     /// The points scatter more than is stated.
@@ -46,7 +46,7 @@ pub enum FixtureDoubt {
     },
 }
 
-/// What is left of the fit without one point.
+/// The remaining misfit of the fit without one point.
 struct Without {
     point: usize,
     squares_mm2: f64,

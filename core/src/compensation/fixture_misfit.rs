@@ -5,13 +5,13 @@ use nalgebra::Vector3;
 use std::fmt;
 
 /// Threshold of the rms as a share of the spread of the measured points: their rms distance from their centre. Noise of this size turns the
-/// frame by some tenths of a degree. The check of uploads has the same share of the reach.
+/// frame by some tenths of a degree. The check of uploads uses the same share of the reach.
 const FITS_PER_REACH: f64 = 0.01;
 /// Threshold of the rms in units of the stated standard uncertainty of a coordinate, if that is larger. Noise alone gives at most √3.
 const FITS_STD: f64 = 5.0;
-/// A mistake has to explain this factor of the rms to be named.
+/// A mistake is named only if the rms is smaller by this factor without it.
 const MIN_IMPROVEMENT: f64 = 5.0;
-/// Exchanged points are looked for among this many points with the largest residuals.
+/// Exchanged points are searched only among this many points with the largest residuals.
 const MAX_EXCHANGED: usize = 20;
 const MM_PER_INCH: f64 = 25.4;
 const MM_PER_M: f64 = 1000.0;
@@ -23,7 +23,7 @@ pub struct FixtureMisfit {
     pub rms_mm: f64,
     /// The largest rms that is accepted, mm.
     pub accepted_mm: f64,
-    /// The mistake without which the points fit much better, and the rms that is then left, mm.
+    /// The mistake without which the points fit much better, and the rms that then remains, mm.
     pub mistake: Option<(FixtureMistake, f64)>,
 }
 
@@ -32,7 +32,7 @@ pub struct FixtureMisfit {
 pub enum FixtureMistake {
     /// Two points are exchanged, 0-based.
     Exchanged(usize, usize),
-    /// One axis of the drawing points the other way. Which one cannot be told, because the frame turns with it.
+    /// One axis of the drawing is reversed. It is unknown which one, because the frame rotates with it.
     Mirrored,
     /// The drawing has to be multiplied by this factor to have the unit of the measured points.
     Scaled(f64),
@@ -73,7 +73,7 @@ fn spread_mm(points: &[FixturePoint]) -> f64 {
     (squares.sum::<f64>() / n).sqrt()
 }
 
-/// The mistakes that are looked for.
+/// The mistakes that are tried.
 fn mistakes(frame: &WorkFrame) -> Vec<FixtureMistake> {
     let units = [MM_PER_INCH, MM_PER_M, 1.0 / MM_PER_INCH, 1.0 / MM_PER_M];
     let mut mistakes = units.map(FixtureMistake::Scaled).to_vec();

@@ -1,4 +1,4 @@
-//! What a compensation keeps, in which frame, and how a target came out.
+//! Choices of a compensation: what is corrected, and in which frame. Also the result for a target.
 
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};

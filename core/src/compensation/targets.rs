@@ -15,18 +15,18 @@ use nalgebra::{
 
 /// A rotation of the tool counts as the displacement that it causes at this distance, as a share of the reach: 0.5 m on an arm of 2.5 m.
 const LEVER_PER_REACH: f64 = 0.2;
-/// Directions in which the tool moves by less than this share of the reach per rad of all joints are damped: within about 1.6° of a wrist's
-/// singularity. On an arm of 2.5 m, such directions can amplify an error of 1 mm into more than 6° of joint motion.
+/// Directions in which the tool moves by less than this share of the reach per rad of joint motion are damped. This is so within about 1.6°
+/// of a wrist's singularity. On an arm of 2.5 m, such directions can amplify an error of 1 mm into more than 6° of joint motion.
 const SINGULAR: f64 = 4e-3;
 /// Damping if the tool does not move at all, as a share of the reach per rad.
 const MAX_DAMPING: f64 = 4e-3;
 /// Maximum change of a joint, in addition to the largest identified joint offset: 10°.
 const MAX_CHANGE_RAD: f64 = 10.0 * std::f64::consts::PI / 180.0;
-/// A target counts as reached to within this share of the reach (1 µm on an arm of 2.5 m), and 0.0001°.
+/// A target is reached if the remaining error is at most this share of the reach (1 µm on an arm of 2.5 m) and 0.0001°.
 const TOLERANCE_PER_REACH: f64 = 4e-7;
 /// See [`TOLERANCE_PER_REACH`].
 const REACHED_RAD: f64 = 1e-4 * std::f64::consts::PI / 180.0;
-/// A target that is left by more than this share of the reach is not reached, even if the arm is stretched and therefore singular.
+/// A target with an error above this share of the reach is not reached, even if the arm is stretched and therefore singular.
 const OUT_OF_REACH: f64 = 0.01;
 /// The iteration ends when all joint steps are below this.
 const STEP_RAD: f64 = 1e-12;
@@ -73,7 +73,8 @@ pub struct Compensation<'a> {
     /// The links for the Jacobian, and their anchor. With corrections, they are the links that were identified together with the corrections.
     links: &'a [Link],
     anchor: Anchor,
-    /// With corrections: the robot, and the anchor of its links alone, into which the corrections fade.
+    /// With corrections: the robot, and the anchor of its links alone. Outside the measured region, the corrections are blended into the
+    /// links alone.
     fading: Option<(&'a IdentifiedRobot, Anchor)>,
     joint_rates: DMatrix<f64>,
     max_change_rad: f64,
@@ -123,7 +124,7 @@ impl<'a> Compensation<'a> {
 
     /// As [`Self::new`], in the given frame, with the corrections of the identified robot if it has some.
     pub fn of(nominal: &'a Robot, identified: &'a IdentifiedRobot, base: Base) -> Self {
-        // decided once, so that corrections fade out without a jump
+        // Decided once, so that the blending has no jump.
         let has_tool = contains_tool(&identified.plain.links, &nominal.links);
         let anchor_of = |model: &KinematicModel| anchor_in(base, model, &nominal.links, has_tool);
         let (model, fading) = match &identified.corrected {
@@ -136,7 +137,7 @@ impl<'a> Compensation<'a> {
         let mut compensation = Self::anchored(nominal, &model.links, anchor_of(model));
         compensation.fading = fading;
         if base == Base::Measured {
-            // joint 1 compensates a rotated base
+            // Joint 1 compensates a rotated base.
             let t_measuring_base =
                 model.t_instrument_base * anchor(&model.links, &nominal.links).t_base_anchored;
             compensation.max_change_rad += t_measuring_base.rotation.angle();
@@ -228,7 +229,7 @@ impl<'a> Compensation<'a> {
         }
     }
 
-    /// Solves; if a joint exceeds its limit, holds it there and solves for the others.
+    /// Solves the problem; if a joint exceeds its limit, holds it there and solves for the others.
     fn within_limits(&self, goal: &Goal<'_>) -> (Joints, Status) {
         let mut held = [None; MAX_LINKS];
         let is_beyond = |(q, limit): (&f64, &Option<(f64, f64)>)| {
@@ -258,7 +259,8 @@ impl<'a> Compensation<'a> {
         (Joints::zeros(), Status::JointLimit)
     }
 
-    /// The change up to the limit, if `change_rad` exceeds it. A joint that was commanded beyond its limit goes no further.
+    /// The change up to the joint's limit; `None` unless `change_rad` exceeds it. A joint that was commanded beyond its limit moves no
+    /// further.
     fn beyond(&self, goal: &Goal<'_>, joint: usize, change_rad: f64) -> Option<f64> {
         let (low, high) = self.nominal.joint_limits_rad[joint]?;
         let (low, high) = (
@@ -303,7 +305,7 @@ impl<'a> Compensation<'a> {
             let step = (next - change).amax();
             change = next;
             if step < STEP_RAD {
-                // a damped solution balances error and change, so it is the answer even if an earlier step had a smaller error
+                // A damped solution balances error and change, so the last one is used even if an earlier step had a smaller error.
                 return (change, is_singular);
             }
         }

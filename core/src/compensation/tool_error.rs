@@ -1,10 +1,10 @@
 //! Uncertainty of a corrected tool's position relative to its target, from the covariance of the identification.
 //!
-//! With d = tool − target at fixed joint values, the links' errors δ change it by ∂d/∂δ. Effects that links cannot describe change it by the features
-//! of [`misfit`](crate::identification::statistics::misfit). Both errors have the root R of their mean square error from the identification. One standard
-//! deviation of d (3-D: the root of the sum of three variances) is |∂d/∂(δ, u) · R|. With corrections, δ has their terms too. Derivatives are central differences, because base and flange
-//! depend on the links. Measured positions do not show theta_offset and d of the last link. Where they count, their usual errors are added in squares
-//! (see [`ToolPoint::Tcp`] and [`HeldReflector`]).
+//! With d = tool − target at fixed joint values, the links' errors δ change d by ∂d/∂δ. Effects that links cannot describe change it by the
+//! features of [`misfit`](crate::identification::statistics::misfit). The identification gives the root R of the mean square error of both.
+//! One standard deviation of d (3-D: the root of the sum of three variances) is |∂d/∂(δ, u) · R|. With corrections, δ includes their terms.
+//! Derivatives are central differences, because base and flange depend on the links. Measured positions do not show theta_offset and d of
+//! the last link. If these matter, their usual errors are added in squares (see [`ToolPoint::Tcp`] and [`HeldReflector`]).
 
 use crate::compensation::anchor::{
     Anchor, HeldReflector, anchor_in, contains_tool, usual_error_of_last_d_mm,
@@ -22,7 +22,7 @@ use crate::identification::statistics::uncertainty::Uncertainty;
 use crate::kinematics::{Robot, reach_mm, t_base_flange};
 use nalgebra::{DMatrix, IsometryMatrix3, Point3, Vector3};
 
-/// Step of an angle, rad. Both its square and the rounding error are negligible.
+/// Step of an angle, rad. For this step, both its square and the rounding error are negligible.
 const STEP_RAD: f64 = 1e-6;
 
 /// The target of the tool.
@@ -30,7 +30,7 @@ const STEP_RAD: f64 = 1e-6;
 pub enum ToolGoal<'a> {
     /// The tool's position on the nominal robot at these joint values, rad, in the controller's convention.
     AsNominal(&'a [f64]),
-    /// A fixed position in the frame in which targets are met. It does not depend on the robot.
+    /// A fixed position in the frame of the targets. It does not depend on the robot.
     Fixed,
 }
 
@@ -57,7 +57,7 @@ impl PerturbedRobot {
         }
     }
 
-    /// Tool minus target, mm, in the frame in which targets are met, up to a constant.
+    /// Tool minus target, mm, in the frame of the targets, up to a constant.
     fn miss_mm(&self, nominal: &Robot, tool: &ToolPoint, q: &Poses) -> Vector3<f64> {
         let tool_mm = Point3::from(self.tool_mm(tool));
         let flange = self
@@ -80,9 +80,9 @@ pub enum ToolPoint {
     Tcp {
         /// Position in the nominal flange frame, mm.
         flange_mm: Vector3<f64>,
-        /// Standard uncertainty of one coordinate of this position, mm, if it was measured with this robot, that is relative to its calibrated axes. `None`
-        /// for a position relative to the flange, as from a drawing: the flange misses by the usual errors of theta_offset and d of the last link, which
-        /// measured positions of a reflector do not show.
+        /// Standard uncertainty of one coordinate of this position, mm, if it was measured with this robot and is thus relative to its
+        /// calibrated axes. `None` if the position is relative to the flange, e.g. from a drawing. The flange then has the usual errors of
+        /// theta_offset and d of the last link, which measured positions of a reflector do not show.
         std_mm: Option<f64>,
     },
 }
@@ -100,9 +100,10 @@ impl ToolPoint {
     }
 }
 
-/// Error of the flange at the tool that the covariance does not contain (3-D), mm. Along the last axis it is that of d of the last link: the
-/// [`anchor`](crate::compensation::anchor) leaves d nominal, or the reflector was held at the flange. About the last axis it is that of theta_offset of
-/// the last link, times the tool's distance from the axis. An identified target does not depend on either, unless it was held at the flange.
+/// Error of the flange at the tool that the covariance does not contain (3-D), mm. It has two parts. Along the last axis it is the error of
+/// d of the last link, because the [`anchor`](crate::compensation::anchor) keeps d nominal or the reflector was held at the flange. About
+/// the last axis it is the error of the last link's theta_offset, times the tool's distance from the axis. An identified target depends on
+/// neither, unless it was held at the flange.
 fn flange_error_mm(nominal: &Robot, estimate: &Estimate, base: Base, tool: &ToolPoint) -> f64 {
     let links = &nominal.links;
     let held = HeldReflector::of(&estimate.model, links).filter(|_| base == Base::Measured);
@@ -198,11 +199,11 @@ impl<'a> ToolErrors<'a> {
             .norm()
     }
 
-    /// Displacement of the tool by the terms of the corrections and by the features of the misfit, mm per unit: 3 × t and 3 × m, in the frame in which
-    /// targets are met.
+    /// Displacement of the tool by the terms of the corrections and by the features of the misfit, mm per unit: 3 × t and 3 × m, in the
+    /// frame of the targets.
     fn by_terms_and_features(&self, tool: &ToolPoint, q_rad: &[f64]) -> [DMatrix<f64>; 2] {
         let PerturbedRobot { model, anchor } = &self.identified;
-        // the tool as an additional target, in the flange frame of the identified links
+        // The tool is added as another target, in the flange frame of the identified links.
         let tool_mm =
             anchor.t_anchored_flange.inverse() * Point3::from(self.identified.tool_mm(tool));
         let mut with_tool = model.clone();
@@ -276,7 +277,7 @@ impl<'a> ToolError<'a> {
             errors.std_mm(self.nominal, &self.tool, &poses)
         };
         let std_mm = faded(self.estimate, self.identified, &poses.corrected_rad, of);
-        // a fixed position of the reflector itself does not depend on where the flange is
+        // A fixed position of the reflector itself does not depend on the flange.
         let is_of_flange = wanted != ToolGoal::Fixed || matches!(self.tool, ToolPoint::Tcp { .. });
         let flange_error_mm = if is_of_flange {
             self.flange_error_mm

@@ -5,13 +5,13 @@ use nalgebra::{IsometryMatrix3, Matrix3, Matrix6, SMatrix, Vector3};
 
 /// Minimum number of points: three, not on a line.
 pub const MIN_POINTS: usize = 3;
-/// Points count as on a line if the second largest spread is below this share of the largest. The rotation about the line would then be ten times
-/// less certain than the other rotations.
+/// Points count as on a line if the second largest spread is below this share of the largest. The rotation about the line would then be ten
+/// times more uncertain than the other rotations.
 const ON_A_LINE: f64 = 0.1;
-/// Points lie in a plane if the smallest spread is below this share of the middle one: a mirrored drawing would then be off by less than most
-/// drawings.
+/// Points count as in a plane if the smallest spread is below this share of the middle one. A mirrored drawing would then differ by less
+/// than the errors of most drawings.
 const FLAT_SPREAD: f64 = 0.01;
-/// Heights above this many times the noise show a mirrored drawing.
+/// Heights above this multiple of the noise would show a mirrored drawing.
 const SHOWN: f64 = 3.0;
 /// Heights below this share of the middle spread are rounding.
 const ROUNDING: f64 = 1e-9;
@@ -141,7 +141,7 @@ fn is_on_a_line(points: &[Vector3<f64>]) -> bool {
     middle <= ON_A_LINE * largest
 }
 
-/// True if the points of a drawing lie in one plane as far as their noise shows.
+/// True if the points of a drawing lie in one plane within their noise.
 pub fn is_flat(points: &[FixturePoint], noise_mm: f64) -> bool {
     let nominal: Vec<Vector3<f64>> = points.iter().map(|p| p.nominal_mm).collect();
     let [smallest, middle, _] = spreads(&nominal);

@@ -98,7 +98,7 @@ impl Chain {
             .collect()
     }
 
-    /// Origin of each joint, in the form of a URDF.
+    /// Origin of each joint, as in a URDF.
     pub fn origins(&self) -> Vec<Origin> {
         self.joints
             .iter()

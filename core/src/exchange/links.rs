@@ -22,10 +22,11 @@ pub struct ImportedLinks {
 
 /// Links with the kinematics of a chain, at the chain's own joint values.
 ///
-/// Frame i is on axis i, with x along the common normal to axis i + 1 (Craig, Introduction to Robotics, section 3.4). If the two axes are nearly
-/// parallel, the normal is far away. x then points to the intersection of axis i + 1 with the plane perpendicular to axis i (Hayati & Mirmirani
-/// 1985). The base is on axis 1 at the foot of the perpendicular from the root's origin, the flange on the last axis at the foot of the perpendicular
-/// from the tip's origin. The base's z is axis 1, or the root's z where axis 1 points against it (KUKA): a robot on the floor has a base that is upright.
+/// Frame i is on axis i, with x along the common normal to axis i + 1 (Craig, Introduction to Robotics, section 3.4). If the two axes are
+/// nearly parallel, the normal is far away; x then points to the intersection of axis i + 1 with the plane perpendicular to axis i (Hayati
+/// & Mirmirani 1985). The base is on axis 1 at the foot of the perpendicular from the root's origin, the flange on the last axis at the
+/// foot of the perpendicular from the tip's origin. The base's z is along axis 1, or along the root's z if axis 1 points the other way
+/// (KUKA), so that a robot on the floor has an upright base.
 ///
 /// # Panics
 /// If no joint moves.
@@ -33,8 +34,8 @@ pub fn links_of_chain(chain: &Chain) -> ImportedLinks {
     let axes = chain.axes();
     let t_root_tip = chain.t_root_tip(&vec![0.0; axes.len()]);
     let is_upside_down = axes[0].direction.z < ROUNDING - 1.0;
-    // The base's x axis has to meet axis 1, which may be off the vertical by the rounding of a description's digits. So the base is where axis 1 is
-    // in the root's plane z = 0.
+    // The base's x axis must intersect axis 1, which may be off the vertical by the rounding of the description. The base is therefore
+    // where axis 1 intersects the root's plane z = 0.
     let first = &axes[0];
     let upright = Axis {
         direction: Vector3::z(),
@@ -43,7 +44,7 @@ pub fn links_of_chain(chain: &Chain) -> ImportedLinks {
     let base_axis = if is_upside_down { &upright } else { &axes[0] };
     let t_root_base = on_axis(base_axis, &Vector3::zeros(), [Vector3::x(), Vector3::y()]);
     let mut links: Vec<Link> = Vec::with_capacity(axes.len());
-    // the frame after Rx(alpha)·Dx(a)·Ry(beta) of the current link
+    // The frame after Rx(alpha)·Dx(a)·Ry(beta) of the current link.
     let mut to_axis = match is_upside_down {
         true => reaching(&t_root_base, &axes[0]),
         false => Link::default(),
@@ -88,8 +89,8 @@ pub fn links_of_chain(chain: &Chain) -> ImportedLinks {
     }
 }
 
-/// A frame on an axis at the foot of the perpendicular from a point. x is the part across the axis of the first of the two directions that is not
-/// along the axis.
+/// A frame on an axis at the foot of the perpendicular from a point. Of the two directions, the first one that is not along the axis
+/// determines x: x is its part across the axis.
 fn on_axis(
     axis: &Axis,
     point_mm: &Vector3<f64>,
@@ -130,7 +131,7 @@ fn towards(
     let normal = z.cross(&v);
     let between = next.point_mm - axis.point_mm;
     if normal.norm() < PARALLEL_SINE {
-        // intersection of the next axis with the plane perpendicular to this one
+        // Intersection of the next axis with the plane perpendicular to this one.
         let origin = axis.point_mm + z * (from_mm - axis.point_mm).dot(&z);
         let pierced = next.point_mm + v * ((origin - next.point_mm).dot(&z) / v.dot(&z));
         let x = pierced - origin;
@@ -147,17 +148,17 @@ fn towards(
     framed(origin, &(if is_forward { normal } else { -normal }), &z)
 }
 
-/// Rx(alpha)·Dx(a)·Ry(beta) from frame i to axis i + 1; the x axis of frame i meets that axis.
+/// Rx(alpha)·Dx(a)·Ry(beta) from frame i to axis i + 1; the x axis of frame i intersects that axis.
 fn reaching(t_root_link: &IsometryMatrix3<f64>, next: &Axis) -> Link {
     let v = t_root_link.rotation.inverse() * next.direction;
     let p = t_root_link.inverse() * nalgebra::Point3::from(next.point_mm);
     let across = (v.y * v.y + v.z * v.z).sqrt();
-    // x at which the axis is closest to the frame's x axis
+    // The x at which the axis is closest to the frame's x axis.
     let along = -(p.y * v.y + p.z * v.z) / (across * across);
     let beta = libm::atan2(v.x, across);
     Link {
         a_mm: p.x + v.x * along,
-        // half a turn is 180°, not −180°
+        // Half a turn is written as 180°, not −180°.
         alpha_rad: libm::atan2(if v.y.abs() < ROUNDING_RAD { 0.0 } else { -v.y }, v.z),
         beta_rad: if beta.abs() < ROUNDING_RAD { 0.0 } else { beta },
         ..Link::default()

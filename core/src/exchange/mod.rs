@@ -1,5 +1,6 @@
-//! Robot descriptions of other systems: serial chains as in a URDF, Denavit-Hartenberg tables of the distal convention, joint origins by roll, pitch
-//! and yaw, links for controllers without beta, mastering offsets. Only the geometry is here; the text formats are in `wire`.
+//! Robot descriptions of other systems: serial chains as in a URDF, Denavit-Hartenberg tables in the distal convention, joint origins by
+//! roll, pitch and yaw, links for controllers without beta, mastering offsets. Only the geometry is here; the text formats are in
+//! `operations`.
 
 pub mod chain;
 pub mod dh;

@@ -29,8 +29,8 @@ pub struct Refit {
     pub max_mm: f64,
 }
 
-/// The links with beta 0 that best fit the identified ones over the workspace. a, alpha, d and theta_offset may change. Combinations of them that the
-/// workspace does not determine stay.
+/// The links with beta 0 that best fit the identified ones over the workspace. a, alpha, d and theta_offset may change. Combinations of
+/// them that the workspace does not determine keep their values.
 pub fn without_beta(robot: &Robot, identified: &[Link]) -> Refit {
     let start = identified
         .iter()
@@ -43,8 +43,9 @@ pub fn without_beta(robot: &Robot, identified: &[Link]) -> Refit {
     refit(robot, start, &paper_parameters(identified.len()), &truth)
 }
 
-/// The nominal links with the joint offsets that best fit the identified robot over the workspace, in the frame of `base`. The offset of the last
-/// joint stays nominal: the tool contains it. In the robot's own base frame that of the first joint stays nominal too: the base contains it.
+/// The nominal links with the joint offsets that best fit the identified robot over the workspace, in the frame of `base`. The offset of
+/// the last joint stays nominal, because the tool contains it. In the robot's own base frame, the offset of the first joint stays nominal
+/// too, because the base contains it.
 pub fn mastering(robot: &Robot, identified: &KinematicModel, base: Base) -> Refit {
     let has_tool = contains_tool(&identified.links, &robot.links);
     let anchor = anchor_in(base, identified, &robot.links, has_tool);

@@ -1,4 +1,4 @@
-//! Puts identified links into a chain with the user's own frames: the same joints, axes and tip, with the identified kinematics.
+//! Writes the identified kinematics into a chain with the user's own frames. Joints, axes and tip of the chain stay the same ones.
 
 use crate::exchange::chain::{Axis, Chain, ChainJoint};
 use crate::kinematics::forward::t_previous_link;
@@ -7,14 +7,14 @@ use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
 
 /// A chain describes the nominal robot if its axes are within this distance of the nominal ones. Descriptions are rounded.
 const SAME_MM: f64 = 1.0;
-/// The same for the angle of axes: 0.1°.
+/// As [`SAME_MM`], for the angle of axes: 0.1°.
 const SAME_RAD: f64 = 0.1 * std::f64::consts::PI / 180.0;
-/// A chain is a corrected description instead of the nominal one if its worst axis fits the identified robot better by this factor. Its distance from
-/// the nominal one must also exceed [`ROUNDING`].
+/// A chain is a corrected description and not the nominal one if its worst axis is nearer to the identified robot by this factor. Its
+/// distance from the nominal robot must also exceed [`ROUNDING`].
 const CORRECTED_TO_NOMINAL: f64 = 0.5;
 /// Rounding of a description: 0.01 mm or 0.001°, as a share of [`SAME_MM`] and [`SAME_RAD`].
 const ROUNDING: f64 = 0.01;
-/// Below this the axes are parallel, and the position along their common direction is not determined.
+/// Below this sine the axes are parallel, and the position along their common direction is not determined.
 const HELD: f64 = 1e-6;
 /// Iteration limit of a singular value decomposition.
 const SVD_ITERATIONS: usize = 1_000;
@@ -63,9 +63,9 @@ struct Convention {
     offset_rad: Vec<f64>,
 }
 
-/// The chain with new frames of its moving joints, so that it moves as the identified links do. Fixed joints do not change. Each frame keeps its
-/// place on its own link, up to the rounding of the description. The joint values keep their meaning: the controller's values, or the model's if the
-/// chain uses those.
+/// The chain with new frames for its moving joints, so that it moves like the identified links. Fixed joints do not change. Each frame
+/// keeps its place on its own link, up to the rounding of the description. The meaning of the joint values does not change: they are the
+/// controller's values, or the model's if the chain uses those.
 pub fn transplanted(
     chain: &Chain,
     nominal: &Robot,
@@ -296,7 +296,7 @@ fn moved(
     let frames = chain.frames(&vec![0.0; identified.len()]);
     let mut joints: Vec<ChainJoint> = Vec::with_capacity(chain.joints.len());
     let mut i = 0;
-    // the frame before the next moving joint, in frame i of the links
+    // The frame before the next moving joint, in frame i of the links.
     let mut from_link = t_root_base.inverse();
     for (joint, t_root_joint) in chain.joints.iter().zip(&frames) {
         let Some(axis) = &joint.axis else {

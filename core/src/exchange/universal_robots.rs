@@ -20,9 +20,10 @@ pub const FRAMES: [&str; 6] = [
     "wrist_2",
     "wrist_3",
 ];
-/// Axes fit the structure to within this share of the arm's length. The maker's own calibration moves them by 1 to 3 mm per metre.
+/// Largest distance of axes from the structure, as a share of the arm's length. The maker's own calibration moves axes by 1 to 3 mm per
+/// metre.
 const SAME_PER_LENGTH: f64 = 0.01;
-/// Axes fit the structure to within this angle: 1°.
+/// Largest angle of axes from the structure: 1°.
 const SAME_RAD: f64 = PI / 180.0;
 
 /// The frame in which the links of a robot begin.
@@ -214,7 +215,7 @@ fn lengths(axes: &[Axis], t_inertia_flange: &IsometryMatrix3<f64>) -> Result<Len
             return Err(NotUr::Structure(name));
         }
     }
-    // horizontal axes are evaluated where they pass axis 1, upright ones at the height of the shoulder
+    // Horizontal axes are evaluated where they pass axis 1, upright axes at the height of the shoulder.
     let at = |axis: &Axis, along: usize, value: f64| {
         axis.point_mm + axis.direction * ((value - axis.point_mm[along]) / axis.direction[along])
     };

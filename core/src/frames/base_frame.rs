@@ -11,9 +11,9 @@ pub const MIN_SINE: f64 = 0.174;
 
 /// Base frame from the sweeps of joints 1 and 2.
 ///
-/// z of frame 1 is along axis 1, x along the common perpendicular of axes 1 and 2, and the origin is where this perpendicular meets axis 1. In MDH
-/// z_2 = Rx(alpha_2)·z_1, so x_1 = sign(sin alpha_2) · (axis 1 × axis 2); this also holds if the axes intersect. The base frame is frame 1 moved back
-/// by the nominal link 1, at the value of joint 1 during the sweep of joint 2.
+/// z of frame 1 is along axis 1, x along the common perpendicular of axes 1 and 2, and the origin is where this perpendicular intersects
+/// axis 1. In MDH z_2 = Rx(alpha_2)·z_1, so x_1 = sign(sin alpha_2) · (axis 1 × axis 2); this also holds if the axes intersect. The base
+/// frame is frame 1 moved back by the nominal link 1, at the value of joint 1 during the sweep of joint 2.
 ///
 /// # Errors
 /// [`Error::ParallelAxes`], measured or nominal.

@@ -27,7 +27,7 @@ pub struct PreliminaryFrames {
 }
 
 impl Error {
-    /// Stable code for the client.
+    /// Machine-readable code; it never changes.
     pub fn code(&self) -> &'static str {
         match self {
             Self::TooFewJoints { .. } => "too_few_joints",

@@ -6,17 +6,17 @@ use crate::kinematics::{Robot, reach_mm};
 use crate::measurement::{MeasurementSet, Point};
 use nalgebra::Vector3;
 
-/// Shortest arc for an axis, rad (45°). The uncertainty of a circle's centre is noise / (1 − cos(arc/2)): thirteen times the noise here, and fifty
-/// times at 22°.
+/// Shortest arc for finding an axis, rad (45°). The uncertainty of a circle's centre is noise / (1 − cos(arc/2)): thirteen times the noise
+/// at 45°, and fifty times at 22°.
 pub const MIN_ARC_RAD: f64 = std::f64::consts::FRAC_PI_4;
 /// Minimum number of points of one sweep.
 pub const MIN_SWEEP_POINTS: usize = 5;
-/// Joints that should stand still may move by this much, rad (0.05°).
+/// Largest motion of the joints that must not move, rad (0.05°).
 const STILL_RAD: f64 = 8.7e-4;
-/// Maximum rms distance of the points from one circle, as a share of the reach: a joint that is moved alone repeats to this. Points with a larger
-/// distance do not come from one joint.
+/// Maximum rms distance of the points from one circle, as a share of the reach. A joint that moves alone is more repeatable than this, so
+/// points with a larger distance do not come from one joint.
 const MAX_CIRCLE_RMS_PER_REACH: f64 = 2.5e-4;
-/// The limit of that distance is at least this, mm: the accuracy of instruments, however small the arm is.
+/// Lower limit of that maximum, mm: the accuracy of instruments, which does not depend on the size of the arm.
 const INSTRUMENT_RMS_MM: f64 = 0.5;
 /// The measured arc may differ from the joint's by this much, rad (3°). An unmastered joint shifts an arc, but does not stretch it.
 const ARC_MISMATCH_RAD: f64 = 0.052;

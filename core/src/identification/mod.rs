@@ -22,8 +22,8 @@ pub struct KinematicModel {
     pub links: Vec<Link>,
     /// Target offsets in the flange frame, mm.
     pub targets_mm: Vec<Vector3<f64>>,
-    /// Rotation of each target in the flange frame, if poses are measured; empty if only positions are. A model without them predicts positions, and
-    /// only the position of a measured pose is used.
+    /// Rotation of each target in the flange frame; empty unless poses are measured. A model without them predicts positions only, and of a
+    /// measured pose only the position is used.
     pub target_rotations: Vec<Rotation3<f64>>,
 }
 
@@ -38,7 +38,7 @@ impl KinematicModel {
         }
     }
 
-    /// Length of the arm along its links, mm, but at least that of its longest target, for a robot whose lengths are all in its targets.
+    /// Length of the arm along its links, mm, but at least the length of its longest target, for a robot whose links have no length.
     pub fn reach_mm(&self) -> f64 {
         let of_links: f64 = self.links.iter().map(|l| l.a_mm.abs() + l.d_mm.abs()).sum();
         let of_targets = self.targets_mm.iter().map(Vector3::norm);

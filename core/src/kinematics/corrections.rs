@@ -82,7 +82,7 @@ pub struct ResidualNetwork {
 /// six-axis arm. Mainly their ratios matter: the compliances absorb the rest.
 pub fn usual_masses(n_links: usize) -> Vec<f64> {
     let mut masses = vec![0.0; n_links];
-    // a seventh axis is in the upper arm, so the elbow is one frame further out
+    // A seventh axis is in the upper arm, so the elbow is one link further out.
     let elbow = if n_links > 6 { 3 } else { 2.min(n_links - 1) };
     masses[elbow] += 1.0;
     masses[n_links.saturating_sub(2)] += 1.0;

@@ -3,15 +3,15 @@
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::TAU;
 
-/// A joint may leave its measured range by this share of the range and still count as measured. The outermost of twenty random poses leave a
-/// twentieth free at either end, and the physics stays the same just beyond the last pose.
+/// A joint value counts as measured if it is outside the measured range by at most this share of the range. The outermost of twenty random
+/// poses leave a twentieth of the range free at either end, and the physical effects are the same just beyond the last pose.
 const MARGIN: f64 = 0.2;
 /// Minimum of this margin, rad (2°).
 const MIN_MARGIN_RAD: f64 = 0.035;
-/// Combinations of joints count as measured up to this multiple of the largest squared (Mahalanobis) distance of a measured pose from the others.
-/// Random poses of the same kind stay below it.
+/// Combinations of joint values count as measured if their squared (Mahalanobis) distance is at most this multiple of the largest one of a
+/// measured pose from the others. Random poses of the same kind stay below it.
 const DISTANCE_MARGIN: f64 = 1.5;
-/// Upper limit of the leverage. A pose that the others do not determine at all has leverage 1; near that, its distance from the others cannot be
+/// Upper limit of the leverage. A pose that the others do not determine has leverage 1, and near 1 its distance from the others cannot be
 /// computed.
 const HIGHEST_LEVERAGE: f64 = 0.8;
 
@@ -46,7 +46,7 @@ impl MeasuredRegion {
                 mean_rad[j] += q[j] / n;
             }
         }
-        // a joint that hardly moves is limited by its range; here it counts as if it had moved by the margin
+        // A joint that hardly moves is limited by its range. In the covariance it counts as if it had moved by the margin.
         let mut covariance =
             DMatrix::from_diagonal_element(n_joints, n_joints, MIN_MARGIN_RAD * MIN_MARGIN_RAD);
         for q in poses.clone() {

@@ -77,7 +77,8 @@ pub fn nearest_rotation(m: &Matrix3<f64>) -> Option<Rotation3<f64>> {
     ))
 }
 
-/// The pose at the share `share` (0 to 1) of the path from one pose to another: along the straight line, and about the axis of the relative rotation.
+/// The pose at the share `share` (0 to 1) of the path between two poses: along the straight line, and about the axis of the relative
+/// rotation.
 pub fn between(
     from: &IsometryMatrix3<f64>,
     to: &IsometryMatrix3<f64>,

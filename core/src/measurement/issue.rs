@@ -12,7 +12,7 @@ pub struct Issue {
     pub line: Option<usize>,
     /// Name of the column, if the error is about a column.
     pub column: Option<String>,
-    /// Stable code.
+    /// Machine-readable code; it never changes.
     pub code: &'static str,
     /// What is wrong and how to correct it.
     pub detail: String,
@@ -38,13 +38,13 @@ impl Issue {
         }
     }
 
-    /// The same of a row.
+    /// The same issue, with its row.
     pub fn in_row(self, row: impl Into<Option<usize>>) -> Self {
         let row = row.into();
         Self { row, ..self }
     }
 
-    /// The same of a column.
+    /// The same issue, with its column.
     pub fn in_column(self, column: impl Into<Option<String>>) -> Self {
         let column = column.into();
         Self { column, ..self }

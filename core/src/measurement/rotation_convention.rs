@@ -64,13 +64,14 @@ impl RotationConvention {
         }
     }
 
-    /// The angles of a rotation, rad, as [`Self::rotation`] takes them: of all angles with that rotation those nearest to `near_rad`. At a gimbal lock,
-    /// the first angle stays as it is. (`euler_angles_ordered` of nalgebra answers one of two solutions, wherever the angles were, and zero at a lock.)
+    /// The angles of a rotation, rad, in the order of [`Self::rotation`]. Several sets of angles give the same rotation; this returns the
+    /// one nearest to `near_rad`. At a gimbal lock, the first angle stays as it is. (`euler_angles_ordered` of nalgebra returns one of two
+    /// solutions regardless of the previous angles, and zero at a lock.)
     pub fn angles_rad(self, rotation: &Rotation3<f64>, near_rad: &Vector3<f64>) -> Vector3<f64> {
         let Self::Sequence { axes, is_extrinsic } = self else {
             return nearest_rotation_vector(rotation_vector(rotation), near_rad);
         };
-        // about fixed axes, the last rotation is the leftmost factor
+        // For rotations about fixed axes, the last rotation is the leftmost factor.
         let order = if is_extrinsic { [2, 1, 0] } else { [0, 1, 2] };
         let is_proper_euler = axes[0] == axes[2];
         let slots = order.map(|k| if is_proper_euler { k } else { axes[k] });
@@ -165,7 +166,7 @@ mod tests {
 
     #[test]
     fn angles_are_those_of_the_rotation_and_near_the_given_ones() {
-        // the last two are gimbal locks: of three different axes, and of an axis that is there twice
+        // The last two are gimbal locks: one with three different axes, and one with an axis that occurs twice.
         let angles_deg = [
             [10.0, 20.0, -30.0],
             [170.0, -100.0, 95.0],
@@ -186,7 +187,8 @@ mod tests {
                 assert!(off < 1e-12, "{convention} {angles_deg:?}: {off}");
                 let away = (found - near).amax();
                 assert!(away < 3.15, "{convention} {angles_deg:?}: {away}");
-                // a rotation that is not changed keeps its angles; near a lock, to what the rotation's digits say of them
+                // A rotation that does not change keeps its angles. Near a lock, they are kept only as far as the digits of the rotation
+                // determine them.
                 if turn == &turns[0] {
                     assert!(away < 1e-7, "{convention} {angles_deg:?}: {found:?}");
                 }

@@ -1,5 +1,5 @@
-//! Joins several sessions of one robot to one set of points. Each session keeps its own base, and its own targets unless they have the same names. A posture
-//! that several sessions measured is one configuration.
+//! Joins several sessions of one robot to one set of points. Each session keeps its own base, and its own targets unless they have the same
+//! names. A posture that was measured in several sessions is one configuration.
 
 use crate::measurement::conventions::Frame;
 use crate::measurement::set::MeasurementSet;
@@ -46,7 +46,7 @@ pub fn joined(sessions: &[MeasurementSet]) -> MeasurementSet {
     let frame = sessions.first().map_or(Frame::Instrument, |set| set.frame);
     with_shared_configurations(MeasurementSet {
         frame,
-        // the base of the joined set is that of its first session
+        // The base of the joined set is that of its first session.
         is_levelled: sessions.first().is_some_and(|set| set.is_levelled),
         points,
     })

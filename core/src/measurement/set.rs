@@ -17,7 +17,7 @@ pub struct Point {
     pub configuration: String,
     /// Number of the reflector on the tool, 0-based.
     pub target: usize,
-    /// Name of the reflector, in a set whose points name theirs. Sessions that are fitted together share the targets of one name.
+    /// Name of the reflector, if the set has names. Sessions that are fitted together share the targets of the same name.
     pub target_name: Option<String>,
     /// The subset, if the file states it.
     pub subset: Option<Subset>,
@@ -29,7 +29,7 @@ pub struct Point {
     pub session: Option<String>,
     /// Position in the measuring order; default: the row.
     pub sequence: i64,
-    /// When it was measured, as the file says it; new uploads state date, time and offset from UTC.
+    /// Time of measurement as the file states it. New uploads state date, time and offset from UTC.
     pub measured_at: Option<String>,
     /// Air temperature at the robot, °C.
     pub temperature_c: Option<f64>,
@@ -43,7 +43,8 @@ pub struct Point {
     pub position_noise: Option<PositionNoise>,
     /// Standard uncertainty of one component of the rotation vector, rad.
     pub std_rotation_rad: Option<f64>,
-    /// For a pose: where, in the target's frame, the noise of the position is independent of that of the rotation, mm. Zero at the target itself.
+    /// For a pose: the point in the target's frame at which the noise of the position is independent of the noise of the rotation, mm. Zero
+    /// for the target itself.
     pub lever_mm: Vector3<f64>,
 }
 
@@ -116,8 +117,8 @@ impl MeasurementSet {
         }
     }
 
-    /// The same set with every pose inverted. A camera that the arm carries states how a fixed board stands to it; inverted, that is the pose of the
-    /// camera in the board's frame. Points without a rotation stay.
+    /// The same set with every pose inverted. A camera on the arm measures the pose of a fixed board in the camera's frame. Inverted, this
+    /// is the pose of the camera in the board's frame. Points without a rotation stay unchanged.
     pub fn with_inverse_poses(mut self) -> Self {
         for point in &mut self.points {
             let Some(rotation) = point.rotation else {
@@ -242,7 +243,8 @@ impl MeasurementSet {
     }
 }
 
-/// Numbers names in the order in which they appear: the number of each, and the different names in the order of their numbers.
+/// Numbers names in the order in which they first appear. Returns the number of each name, and the distinct names in the order of their
+/// numbers.
 pub(super) fn numbered<'n>(names: impl Iterator<Item = &'n str>) -> (Vec<usize>, Vec<&'n str>) {
     let (mut different, mut numbers) = (Vec::new(), BTreeMap::new());
     let number = |name| {
@@ -254,7 +256,7 @@ pub(super) fn numbered<'n>(names: impl Iterator<Item = &'n str>) -> (Vec<usize>,
     (names.map(number).collect(), different)
 }
 
-/// Rows whose joint values differ by less than this in every joint are one configuration, if the file has no labels, rad (0.05°). The readings of a
+/// Rows are one configuration if every joint value differs by less than this, rad (0.05°); used for files without labels. The readings of a
 /// robot at standstill vary a little from row to row, and two poses this close give the same information about the robot.
 pub const SAME_JOINT_RAD: f64 = 8.7e-4;
 

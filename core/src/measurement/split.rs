@@ -1,5 +1,5 @@
-//! Splits the points into those to which the parameters are fitted (identify) and those on which they are scored (verify). Rows of one configuration
-//! stay together.
+//! Splits the points into those that the parameters are fitted to (identify) and those that they are scored on (verify). Rows of one
+//! configuration stay together.
 
 use crate::measurement::conventions::{Frame, Subset};
 use crate::measurement::set::MeasurementSet;
@@ -54,14 +54,14 @@ pub fn by_column(set: &MeasurementSet) -> Result<Vec<Subset>, Error> {
     Ok(subsets)
 }
 
-/// Number of configurations of the reference station that stay in identify: an error of its base goes into every link.
+/// Minimum number of configurations of the reference station in the identify subset, because an error of its base would change every link.
 pub const MIN_OF_REFERENCE: usize = 6;
-/// Number of configurations of any other station that stay in identify: three points place a station.
+/// Minimum number of configurations of any other station in the identify subset: three points place a station.
 pub const MIN_OF_STATION: usize = 3;
 
-/// Puts a random share of the configurations, chosen with the seed, into verify and the rest into identify. Returns one subset per point. With
-/// `verify_fraction` 0 all points are in identify. Of several stations, each is divided for itself, and keeps as many in identify as its base takes. A
-/// configuration belongs to the station of its first point.
+/// Puts a random share of the configurations, chosen with the seed, into verify and the rest into identify. Returns one subset per point.
+/// With `verify_fraction` 0 all points are in identify. With several stations, each station is split separately and keeps at least
+/// [`MIN_OF_REFERENCE`] or [`MIN_OF_STATION`] configurations in identify. A configuration belongs to the station of its first point.
 pub fn by_fraction(set: &MeasurementSet, verify_fraction: f64, seed: u64) -> Vec<Subset> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let stations = configurations_by_station(set);

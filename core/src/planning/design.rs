@@ -6,15 +6,15 @@ use nalgebra::{DMatrix, SMatrix};
 const MAX_PASSES: usize = 6;
 /// After the first selection, exchanges consider only this number of the most useful candidates.
 const N_PROMISING: usize = 2_000;
-/// A selection is tight if it has fewer rows than the unknown combinations of parameters plus this number. If a pose is then removed, only priors
-/// determine some of them. The covariance grows by so many orders of magnitude that an update of it is only rounding, and it is computed again from
-/// the start.
+/// A selection is tight if it has fewer rows than the number of unknown parameter combinations plus this number. If a pose is then removed,
+/// only priors determine some combinations. The covariance grows by so many orders of magnitude that an update of it would be only
+/// rounding; it is therefore recomputed.
 const SPARE_ROWS: usize = 18;
-/// Rows that a tight selection has too many at first.
+/// Number of rows by which a tight selection first exceeds its final number.
 const EXTRA_ROWS: usize = 12;
-/// Combinations that move the tool by less than this share of the largest, squared, are not counted.
+/// Combinations whose squared effect on the tool is below this share of the largest are not counted.
 const MOVES: f64 = 1e-12;
-/// A combination is known already if its prior information is at least this many times that of a new robot.
+/// A combination is already known if its prior information is at least this multiple of that of a new robot.
 const KNOWN_PRIOR_RATIO: f64 = 100.0;
 /// Minimum relative decrease of the criterion for an exchange.
 const MIN_RELATIVE_DECREASE: f64 = 1e-9;
@@ -62,8 +62,9 @@ impl<const ROWS: usize> Design<ROWS> {
         design
     }
 
-    /// Selects `n` candidates and returns their indices. If there are hardly more rows than parameters, more are selected first, and those that are
-    /// missed least are then removed. Adding one after the other would spend the first candidates on parameters that only priors determine.
+    /// Selects `n` candidates and returns their indices. If there are hardly more rows than parameters, more candidates are selected first,
+    /// and those whose removal costs least are then removed. If only `n` were added one by one, the first ones would be used for parameters
+    /// that only priors determine.
     pub fn choose(mut self, n: usize) -> Vec<usize> {
         let n_all = self.candidates.ncols() / ROWS;
         let n = n.min(n_all);
@@ -123,7 +124,7 @@ impl<const ROWS: usize> Design<ROWS> {
                 };
                 let keep = best == old || after >= before * (1.0 - MIN_RELATIVE_DECREASE);
                 self.change(if keep { old } else { best }, true);
-                // move the new candidate from the last place to the slot
+                // Moves the new candidate from the last place to the slot.
                 let last = self.chosen.len() - 1;
                 self.chosen[slot..=last].rotate_right(1);
                 is_better |= !keep;

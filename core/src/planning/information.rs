@@ -63,7 +63,7 @@ impl Tool {
         rows.tr_mul(&rows)
     }
 
-    /// Information of configurations that were measured from another place, about the links and the target.
+    /// Information of configurations that were measured with another base, about the links and the target.
     pub fn information_from_another_base(&self, q_rad: &[Vec<f64>]) -> DMatrix<f64> {
         let is_shared = |p: &Parameter| !is_base(p);
         let shared = without(&self.information(q_rad), &self.parameters, is_shared);
@@ -83,7 +83,7 @@ impl Tool {
         workspace: &[Vec<f64>],
     ) -> ToolUncertainty {
         let rows = self.position_rows(workspace);
-        // J·M⁻¹·Jᵀ = |L⁻¹·Jᵀ|² with M = L·Lᵀ
+        // J·M⁻¹·Jᵀ = |L⁻¹·Jᵀ|² with M = L·Lᵀ.
         let whitened = information
             .clone()
             .cholesky()
@@ -110,7 +110,7 @@ impl Tool {
     ) -> DMatrix<f64> {
         let n_targets = points.iter().map(|o| o.target + 1).max().unwrap_or(0);
         let model = nominal(request.robot, vec![request.target_mm; n_targets]);
-        // only the derivatives count, so a pose is put where the nominal robot has it
+        // Only the derivatives matter, so each pose is placed where the nominal robot has it.
         let points: Vec<Observation> = points
             .iter()
             .map(|o| Observation {
@@ -131,7 +131,7 @@ impl Tool {
         scaled_rows(&self.model, &self.parameters, &observations)
     }
 
-    /// Information about the kept ones of some parameters, in the order of the tool's parameters, with zeros for the others.
+    /// Expands the information about some kept parameters to all parameters of the tool, in their order, with zeros for the others.
     fn placed(
         &self,
         information: &DMatrix<f64>,

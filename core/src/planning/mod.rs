@@ -25,7 +25,7 @@ const N_WORKSPACE: usize = 256;
 const WORKSPACE_SEED: u64 = 0;
 /// Number of random configurations that are tried for each required candidate.
 const TRIES_PER_CANDIDATE: usize = 20;
-/// Number of times that each of several set-ups is planned, each time with what the others contribute.
+/// Number of times that each of several set-ups is planned, given the present plans of the others.
 const ROUNDS: usize = 3;
 
 /// One configuration of a plan.
@@ -73,9 +73,10 @@ pub struct TooLittleRoom {
     pub wanted: usize,
 }
 
-/// Selects configurations that minimise the mean variance of the tool over the workspace (I-optimal design). The best of all candidates is added one
-/// after the other. Then each is exchanged for a better one as long as that helps (Fedorov 1972), with updates of the covariance. Parameters have the
-/// priors of a new robot. Several set-ups share links and target; each is planned with what the others contribute, [`ROUNDS`] times.
+/// Selects configurations that minimise the mean variance of the tool over the workspace (I-optimal design). Candidates are added one by
+/// one, each time the best one. Then each is exchanged for a better one as long as this improves the plan (Fedorov 1972), with updates of
+/// the covariance. Parameters have the priors of a new robot. Several set-ups share links and target; each is planned [`ROUNDS`] times,
+/// given the plans of the others.
 ///
 /// # Errors
 /// [`TooLittleRoom`].
@@ -220,7 +221,7 @@ impl Candidates {
     }
 }
 
-/// Half of the candidates are drawn uniformly, the others towards the limits, where parameters have the largest effect.
+/// Random candidates. Half are drawn uniformly, the others towards the limits, where parameters have the largest effect.
 fn candidates(request: &PlanRequest<'_>, set_up: usize) -> Result<Candidates, TooLittleRoom> {
     let wanted = request.set_ups[set_up].n_configurations;
     let room = &request.set_ups[set_up].room;
@@ -268,7 +269,7 @@ fn candidates(request: &PlanRequest<'_>, set_up: usize) -> Result<Candidates, To
     }
 }
 
-/// What the configurations of each set-up determine together. Each set-up has a base of its own.
+/// Decomposition of what the configurations of all set-ups determine together. Each set-up has its own base.
 fn decomposition(
     request: &PlanRequest<'_>,
     tool: &Tool,

@@ -3,8 +3,8 @@
 /// Maximum number of passes of exchanges.
 const MAX_PASSES: usize = 20;
 
-/// Orders the selected candidates so that the largest joint motion from one to the next is small. It first takes the nearest one each time. Then it
-/// reverses segments as long as that shortens the path (2-opt; Croes 1958).
+/// Orders the selected candidates so that the largest joint motion from one to the next is small. It first goes to the nearest one each
+/// time, and then reverses segments as long as that shortens the path (2-opt; Croes 1958).
 pub fn short_moves(chosen: Vec<usize>, candidates: &[Vec<f64>]) -> Vec<usize> {
     let way = |a: usize, b: usize| {
         candidates[a]

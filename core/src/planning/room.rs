@@ -14,13 +14,14 @@ pub type AlignedBox = (Vector3<f64>, Vector3<f64>);
 pub struct Room {
     /// The target has to be in one of these boxes. Without boxes it may be anywhere.
     pub boxes_mm: Vec<AlignedBox>,
-    /// The straight lines from the axis of joint 2 over the link origins and the flange to the target do not enter these boxes.
+    /// Boxes to keep out of. The straight lines from the axis of joint 2 over the link origins and the flange to the target must not enter
+    /// them.
     pub keep_out_mm: Vec<AlignedBox>,
-    /// No checked point may be below this, mm.
+    /// No checked point may be below this height, mm.
     pub floor_z_mm: Option<f64>,
-    /// No checked point may be inside this.
+    /// No checked point may be inside this cylinder.
     pub base_cylinder: Option<BaseCylinder>,
-    /// The instrument sees the target.
+    /// The instrument must see the target.
     pub line_of_sight: Option<LineOfSight>,
 }
 
@@ -33,7 +34,7 @@ pub struct BaseCylinder {
     pub height_mm: f64,
 }
 
-/// Where the instrument stands, and from which directions its target can be measured.
+/// The position of the instrument, and the directions from which its target can be measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LineOfSight {
     /// The instrument in the base frame, mm.
@@ -52,8 +53,9 @@ pub struct AcceptanceCone {
 }
 
 impl Room {
-    /// True if the target is in a box and seen by the instrument; if target, flange, wrist and elbow (the origins of link 3 and of those after it) are
-    /// clear of floor and foot; and if the lines between these points are outside of the boxes to keep out of. Bodies have no thickness here.
+    /// True if the configuration is allowed. The target must be in a box and seen by the instrument. Target, flange, wrist and elbow (the
+    /// origins of link 3 and of those after it) must be clear of floor and foot. The lines between these points must not enter the boxes to
+    /// keep out of. Bodies have no thickness here.
     pub fn holds(&self, robot: &Robot, q_controller_rad: &[f64], target_mm: &Vector3<f64>) -> bool {
         let mut t = IsometryMatrix3::identity();
         let mut before: Option<Vector3<f64>> = None;
@@ -88,7 +90,7 @@ impl Room {
         above && self.base_cylinder.is_none_or(beside)
     }
 
-    /// True if the target faces the instrument and no box to keep out of is between them. The robot itself may be.
+    /// True if the target faces the instrument and none of the boxes to keep out of is in between. The robot itself is not checked.
     fn is_seen(&self, target: &Vector3<f64>, t_base_flange: &IsometryMatrix3<f64>) -> bool {
         let Some(sight) = &self.line_of_sight else {
             return true;
@@ -109,7 +111,7 @@ fn is_within(p: &Vector3<f64>, (low, high): &AlignedBox) -> bool {
     (0..3).all(|k| (low[k]..=high[k]).contains(&p[k]))
 }
 
-/// True if the straight line between two points meets the box: the shares of the line that lie between the faces of each axis overlap.
+/// True if the straight line between two points enters the box: the parts of the line between the faces of each axis overlap.
 fn meets(from: &Vector3<f64>, to: &Vector3<f64>, (low, high): &AlignedBox) -> bool {
     let (mut first, mut last) = (0.0f64, 1.0f64);
     for k in 0..3 {

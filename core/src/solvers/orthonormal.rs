@@ -4,7 +4,7 @@ use super::qr::{add_scaled, triangularise};
 use multiversion::multiversion;
 use nalgebra::DMatrix;
 
-/// A matrix with at most this number of rows is reduced at once.
+/// A matrix with more rows than this is reduced block by block.
 pub const MIN_ROWS: usize = 6_000;
 /// Number of rows that are reduced at a time: they fit into a processor's cache.
 const ROWS_AT_ONCE: usize = 600;
@@ -93,7 +93,7 @@ mod tests {
     #[test]
     fn a_tall_matrix_gets_orthonormal_columns_that_span_its_own() {
         for rows in [50, MIN_ROWS + 1, 3 * MIN_ROWS + 7] {
-            // columns that are nearly parallel, and differ in size by a million
+            // Columns that are nearly parallel and differ in size by a million.
             let a = DMatrix::from_fn(rows, 9, |i, j| {
                 let (x, scale) = (i as f64 / rows as f64, libm::pow(10.0, j as f64 - 4.0));
                 scale * (libm::sin(3.0 * x + 0.3 * j as f64) + 0.1 * libm::sin((7 * i + j) as f64))

@@ -4,7 +4,7 @@ use super::qr::{add_scaled, dot};
 use multiversion::multiversion;
 use nalgebra::DMatrix;
 
-/// Number of rows of a factor that are used together. With a hundred columns they fit into a processor's cache.
+/// Number of rows of a factor that are used together. With a hundred columns, they fit into a processor's cache.
 const ROWS_AT_ONCE: usize = 480;
 
 /// Aᵀ·B.

@@ -36,7 +36,7 @@ fn dot_of_parts(a: &[f64], b: &[f64], parts: &[Range<usize>]) -> f64 {
 /// y <- y + factor · x
 #[inline(always)]
 pub(super) fn add_scaled(factor: f64, x: &[f64], y: &mut [f64]) {
-    // blocks of a fixed size are quick without optimisation, too: tests run without it
+    // Blocks of a fixed size are fast even without optimisation, which is how tests run.
     let (x_blocks, x_rest) = x.as_chunks::<LANES>();
     let (y_blocks, y_rest) = y.as_chunks_mut::<LANES>();
     for (x, y) in x_blocks.iter().zip(y_blocks) {
@@ -49,8 +49,8 @@ pub(super) fn add_scaled(factor: f64, x: &[f64], y: &mut [f64]) {
     }
 }
 
-/// The first block of a vector, and the blocks from the first to the last of its other numbers that are not zero. Triangles that are stacked on other rows
-/// have many zeros between.
+/// The first block of a vector, and the range of blocks from the first to the last other nonzero number. Triangles that are stacked on
+/// other rows have many zeros in between.
 #[inline(always)]
 fn parts_with_numbers(v: &[f64]) -> [Range<usize>; 2] {
     let n = v.len();
@@ -73,7 +73,7 @@ pub(super) fn householder(tail: &mut [f64]) -> Option<(f64, f64)> {
         return None;
     }
     let diagonal = if tail[0] > 0.0 { -norm } else { norm };
-    tail[0] -= diagonal; // never a cancellation: the signs differ
+    tail[0] -= diagonal; // no cancellation, because the signs differ
     Some((diagonal, -1.0 / (diagonal * tail[0])))
 }
 
@@ -121,7 +121,7 @@ mod tests {
     /// Twenty rounding errors of numbers of order one.
     const ROUNDING: f64 = 1e-14;
 
-    /// Each triangle on rows of a diagonal and on full rows: most of its numbers are zero.
+    /// Triangles are stacked on a diagonal and on full rows, so most numbers are zero.
     #[test]
     fn zeros_that_are_left_out_change_no_bit() {
         for p in [1, 2, 7, 8, 9, 20, 41] {

@@ -3,8 +3,8 @@
 use std::cell::Cell;
 use std::ops::ControlFlow;
 
-/// Asks between parts of a computation whether it should go on. After the first no, the answer stays no. Loops then end early, and their results are
-/// not valid: the caller has to check [`Watch::was_stopped`] before using them.
+/// Asks between the parts of a computation whether to continue. After the first "no", the answer stays "no". Loops then end early and their
+/// results are not valid, so the caller must check [`Watch::was_stopped`] before using them.
 pub struct Watch<'a> {
     ask: Option<&'a dyn Fn() -> bool>,
     is_over: Cell<bool>,
@@ -43,7 +43,7 @@ impl<'a> Watch<'a> {
         }
     }
 
-    /// True if an answer was no; does not ask again.
+    /// True if an answer was "no". Does not ask again.
     pub fn was_stopped(&self) -> bool {
         self.is_over.get()
     }

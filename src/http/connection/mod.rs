@@ -1,4 +1,4 @@
-//! What happens below a request: connections are accepted, encrypted, read, and closed without losing an answer.
+//! Connections, below the requests: they are accepted, encrypted, read, and closed without losing an answer.
 
 mod accept;
 mod lingering;

@@ -107,8 +107,8 @@ pub fn export(
     })
 }
 
-/// Refuses to write what moves a robot from a set that does not fit it, or from points that were refused. Documents with provenance and warnings are
-/// written all the same.
+/// Refuses formats that move a robot, if the set does not fit the robot or its points were refused. Documents with provenance and warnings
+/// are still written.
 fn refuse_wrong_robot(source: &Source<'_>) -> Result<(), Error> {
     let mut warnings = source.provenance.warnings.iter();
     let insisted = warnings.find(|warning| warning.code == INSISTED);

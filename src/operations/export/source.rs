@@ -26,12 +26,12 @@ pub struct Source<'a> {
 /// Distance (mm) and angle (rad) below which the base counts as equal to the frame of the measured positions.
 const SAME_BASE_MM: f64 = 1e-3;
 const SAME_BASE_RAD: f64 = 1e-6;
-/// The base stands where its frame says if it is turned by at most this many standard deviations of its prior.
+/// The base is where its frame says if its rotation is at most this many standard deviations of its prior.
 const MAX_BASE_STDS: f64 = 3.0;
 
 impl Source<'_> {
-    /// The frame in which mastering offsets are fitted: that of the measured positions if it is the base frame and the base stands there. There joint 1's
-    /// offset shows. A base that is turned by more than such a frame may be off says nothing about joint 1.
+    /// The frame in which mastering offsets are fitted: that of the measured positions if it is the base frame and the base is really
+    /// there. The offset of joint 1 is then visible. A base that is rotated by more than its uncertainty shows nothing about joint 1.
     pub fn mastering_base(&self) -> Base {
         let turned_rad = IsometryMatrix3::from(&self.content.t_instrument_base)
             .rotation

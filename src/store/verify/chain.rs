@@ -60,7 +60,6 @@ impl Chain {
             .filter(move |entry| entry.event == event.as_str())
     }
 
-    /// The newest entry of one event about one subject.
     pub(super) fn newest(&self, subject: &str, event: AuditEvent) -> Option<&Entry> {
         self.entries(subject, event).next_back()
     }

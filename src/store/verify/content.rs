@@ -308,7 +308,7 @@ struct ReportOrigin {
     version: String,
 }
 
-/// I5: equal inputs gave equal results.
+/// I5: equal inputs have equal results.
 pub(super) async fn same_request_same_result(store: &Store, chain: &Chain) -> Result<Check> {
     let mut check = Check::new(
         "I5",

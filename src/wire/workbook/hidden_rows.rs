@@ -1,5 +1,5 @@
-//! Rows that are hidden, by a filter or by hand, or struck through. Nothing tells whether they count, so a sheet with such rows is refused. Also finds
-//! formulas that have never been computed.
+//! Finds rows that are hidden, by a filter or by hand, and rows that are struck through. It is unknown whether such rows count, so a sheet
+//! with them is refused. Also finds formulas that were never computed.
 
 use super::refusal::{Archive, refused};
 use super::sheet::Sheet;
@@ -10,14 +10,14 @@ use std::collections::BTreeSet;
 /// Maximum number of rows that a refusal lists.
 const MAX_LISTED: usize = 10;
 
-/// What the cells of a sheet do not tell.
+/// Properties of rows and cells that the cell reader does not report.
 #[derive(Default)]
 pub(super) struct Marks {
     /// The hidden rows, counted from 0.
     pub hidden: BTreeSet<usize>,
     /// Rows with a cell that is struck through, counted from 0.
     pub struck: BTreeSet<usize>,
-    /// Cells with a formula of numbers, as `B7`. Programs that do not compute write them without a value.
+    /// Numeric formulas without a value, as cell references such as `B7`. Programs that do not compute formulas write them like this.
     pub formulas: BTreeSet<String>,
 }
 
@@ -52,7 +52,7 @@ fn refuse_rows(
     Err(error)
 }
 
-/// The marks of a sheet of an xlsx workbook. The reader of its cells does not tell them.
+/// The marks of a sheet in an xlsx workbook. Calamine's cell reader does not report them.
 pub(super) fn of_xlsx(archive: &mut Archive, sheet: &str) -> Result<Marks, Invalid> {
     let mut workbook = "xl/workbook.xml".to_owned();
     each_element(archive, "_rels/.rels", |element| {
@@ -146,18 +146,18 @@ pub(super) fn reference(row: usize, column: usize) -> String {
     format!("{letters}{}", row + 1)
 }
 
-/// The cell that is read.
+/// The cell that is being read.
 #[derive(Default)]
 struct Cell {
     place: String,
     is_struck: bool,
     is_formula: bool,
-    /// Whether its value is a text, which may be empty.
+    /// Whether the value is text; text may be empty.
     is_text: bool,
 }
 
 impl Cell {
-    /// The cell ends.
+    /// Called at the end of the cell's element.
     fn end(&mut self, marks: &mut Marks) {
         let cell = std::mem::take(self);
         if cell.is_formula && !cell.is_text {

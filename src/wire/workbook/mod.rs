@@ -63,8 +63,8 @@ pub fn workbook(bytes: &[u8]) -> Option<Workbook> {
 /// Reads one sheet of a workbook as a table. Also returns the name of the sheet.
 ///
 /// # Errors
-/// [`Invalid`] if the workbook is too large or damaged, if several sheets have cells and `mapping` names none, or if rows are hidden. Of a file that was
-/// accepted once, all rows count.
+/// [`Invalid`] if the workbook is too large or damaged, if several sheets have cells and `mapping` names none, or if rows are hidden.
+/// Hidden rows of a stored file, which was accepted once, are read.
 pub fn read(
     kind: Workbook,
     bytes: &[u8],
@@ -120,7 +120,7 @@ pub fn read(
     }
 }
 
-/// Whether the name of a sheet says that it is of the instrument.
+/// Whether the sheet's name indicates that it contains the instrument's data.
 fn is_of_instrument(name: &str) -> bool {
     let name = name.to_lowercase();
     let words = ["tracker", "laser", "instrument", "meas", "mess", "position"];

@@ -7,7 +7,6 @@ use zip::ZipArchive;
 /// Maximum unpacked size of a workbook, bytes. 100,000 rows of twelve numbers have 45 MB as xlsx.
 pub(super) const MAX_UNPACKED_BYTES: u64 = 64 * 1024 * 1024;
 
-/// The zip archive of a workbook.
 pub(super) type Archive<'a> = ZipArchive<Cursor<&'a [u8]>>;
 
 pub(super) fn refused(code: &'static str, detail: String) -> Invalid {

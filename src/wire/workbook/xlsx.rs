@@ -7,7 +7,7 @@ use crate::wire::Invalid;
 use calamine::{DataRef, ExcelDateTime, Reader, SheetVisible, Xlsx};
 use std::io::Cursor;
 
-/// Stands for a formula without a value.
+/// Text that replaces a formula without a value.
 const UNCOMPUTED: &str =
     "formula without a value: open the workbook in a spreadsheet program and save it";
 
@@ -23,7 +23,7 @@ pub(super) fn sheets(
     let hidden = sheets.filter(|sheet| sheet.visible != SheetVisible::Visible);
     let hidden: Vec<String> = hidden.map(|sheet| sheet.name.clone()).collect();
     let is_wanted = |name: &&String| wanted.is_none_or(|wanted| *name == wanted);
-    // The first of hidden sheets is read if no other has cells.
+    // Hidden sheets come last. Only the first of them is read, and only if no visible sheet has cells.
     let (last, first): (Vec<&String>, Vec<&String>) = names
         .iter()
         .filter(is_wanted)

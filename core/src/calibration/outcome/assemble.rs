@@ -45,7 +45,7 @@ use crate::measurement::{Frame, Subset};
 use crate::solvers::watch::Watch;
 use std::collections::BTreeSet;
 
-/// The separate verification set, prepared for the identified robot. `None` if the verify points belong to the identified set.
+/// Prepares the separate verification set for the identified robot. `None` if the verify points belong to the identified set.
 pub fn verify_layout<'a>(
     request: &'a CalibrationRequest,
     model: &KinematicModel,
@@ -93,7 +93,6 @@ pub fn vetoed(
     Ok((Some(found), warning))
 }
 
-/// Those of the problem's points that belong to a subset.
 fn of_subset(problem: &Problem<'_>, points: &[Observation], subset: Subset) -> Vec<Observation> {
     let all = points.iter().zip(&problem.observed.subsets);
     all.filter(|(_, of)| **of == subset)
@@ -138,7 +137,7 @@ pub struct Answer<'a> {
     pub delivered: Option<&'a Final<'a>>,
 }
 
-/// Warning if the robot was identified in the base frame, but the base was placed anew for the verification set.
+/// Warning if the robot was identified in the base frame, but the base was fitted again to the verification set.
 fn base_not_checked(request: &CalibrationRequest, layout: &Layout<'_>) -> Option<Warning> {
     (request.set.frame == Frame::Base && layout.is_placed_anew).then(|| Warning {
         code: BASE_NOT_CHECKED,
@@ -164,7 +163,7 @@ pub fn report(
     } = answer;
     let request = problem.request;
     let model = &found.model;
-    // expressed in the frame of the fit
+    // In the frame of the fit.
     let robot = corrections.as_ref().map(|c| IdentifiedRobot {
         plain: delivered(problem, model),
         corrected: c.corrected.clone(),
@@ -186,7 +185,7 @@ pub fn report(
             "the identify subset has no points",
         ));
     };
-    // errors are those of the verified fit; everything else describes the delivered fit
+    // Errors are those of the verified fit. Everything else in the report describes the delivered fit.
     let (delivered_problem, delivered_model) = match final_fit {
         Some(last) => (&last.problem, &last.model),
         None => (problem, model),
@@ -311,7 +310,7 @@ pub fn report(
         .flat_map(of_following_joints)
         .collect();
     let uncertainty = estimated.filter(|_| why_not_stated.is_none());
-    // of no use without points to verify
+    // The uncertainty of the verified fit matters only if there are verify points.
     let is_verified = problem.observed.subsets.contains(&Subset::Verify);
     let of_verified = match final_fit {
         Some(_) if is_verified => stated(problem, model, watch),
@@ -424,7 +423,7 @@ pub fn report(
         request.options.loss,
         Some(&problem.arrangement),
     ));
-    // the identified robot shows a wrong convention where the nominal one is too far off
+    // With the identified robot, a wrong rotation convention shows even if the nominal robot is too far off to show it.
     if request.set.has_poses() {
         let identified = Robot {
             links: delivered_model.links.clone(),

@@ -1,4 +1,5 @@
-//! The identified robot as delivered to the cell. With sweeps, the fit uses d of the last link with z_t merged into it.
+//! The identified robot in the form in which it is delivered. With sweeps, the fit merges z_t into d of the last link; this file separates
+//! them again.
 
 use crate::calibration::problem::Problem;
 use crate::calibration::request::Model;
@@ -7,7 +8,7 @@ use crate::identification::corrections::corrected::CorrectedModel;
 use crate::measurement::Frame;
 use nalgebra::IsometryMatrix3;
 
-/// Links, base and targets as delivered to the cell. With sweeps, z_t is removed from d of the last link and becomes the target.
+/// Links, base and targets as delivered. With sweeps, z_t is removed from d of the last link and becomes the target.
 pub fn as_delivered(problem: &Problem<'_>, model: &KinematicModel) -> KinematicModel {
     let delivered = delivered(problem, model);
     KinematicModel {
@@ -16,7 +17,7 @@ pub fn as_delivered(problem: &Problem<'_>, model: &KinematicModel) -> KinematicM
     }
 }
 
-/// Links and base of a robot with corrections, as delivered to the cell.
+/// As [`as_delivered`], for the links and the base of a robot with corrections.
 pub fn corrected_as_delivered(problem: &Problem<'_>, corrected: &CorrectedModel) -> CorrectedModel {
     let mut corrected = corrected.clone();
     corrected.model.t_instrument_base =

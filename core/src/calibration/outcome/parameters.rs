@@ -75,8 +75,8 @@ fn stated(problem: &Problem<'_>, model: &KinematicModel, identifiable: &[bool]) 
 }
 
 impl Problem<'_> {
-    /// Value of a parameter as reported, mm or rad. Rotations of base and targets are relative to their first estimate. d of the last link is without
-    /// the tool length that sweeps merged into it.
+    /// Value of a parameter as reported, mm or rad. Rotations of base and targets are relative to their first estimate. For d of the last
+    /// link, the tool length that sweeps merged into it is subtracted.
     pub fn reported(&self, model: &KinematicModel, parameter: &Parameter) -> f64 {
         let last_d = Parameter::Link(model.links.len() - 1, Quantity::D);
         match parameter {

@@ -33,7 +33,7 @@ pub fn estimated(
         .collect();
     let points = problem.loss.as_squares(model, &problem.identify);
     let mut known = BTreeSet::new();
-    // exact duplicates of a row count once: they come from one measurement
+    // Exact duplicates of a row count once, because they come from one measurement.
     let bits = |o: &Observation| -> Vec<u64> {
         o.q_rad
             .iter()
@@ -72,7 +72,7 @@ pub fn estimated(
     })
 }
 
-/// The sources of a misfit of the problem's robot.
+/// The possible sources of a misfit of the problem's robot.
 pub fn misfit(problem: &Problem<'_>) -> Misfit {
     let robot = &problem.request.robot;
     let is_held = |parameter: &Parameter| !problem.parameters.contains(parameter);
@@ -128,7 +128,7 @@ pub fn why_it_says_nothing(problem: &Problem<'_>, tool: &ToolUncertainty) -> Opt
     let points = counting(&problem.trusted());
     let links = &problem.request.robot.links;
     let nominal_mm = rms_mm(&fit_base_and_targets(links, &points, n_targets), &points);
-    // NaN fails this comparison and counts as useless
+    // A NaN fails this comparison, so it counts as useless.
     if tool.mean_mm <= nominal_mm {
         return None;
     }
@@ -148,7 +148,7 @@ pub fn stated(
     estimated(problem, model, watch).filter(|found| why_not_stated(problem, Some(found)).is_none())
 }
 
-/// Warning if there is no redundancy: the fit can follow any error of the points.
+/// Warning if there is no redundancy: the fit then follows every error of the points.
 pub fn nothing_left(problem: &Problem<'_>) -> Option<Warning> {
     let (equations, rank) = without_redundancy(problem)?;
     let detail = format!(

@@ -1,5 +1,5 @@
-//! The fit to all points of an upload that screening starts from, the linear problem at its solution, and the errors over a session that it shows: play of
-//! joints, errors that the points of a visit share, and drift.
+//! The fit to all points of an upload, with which screening starts, and the linear problem at its solution. It shows the errors over a
+//! session: backlash of joints, errors that the points of a visit share, and drift.
 
 use crate::calibration::Error;
 use crate::calibration::preparation::arrangement::Arrangement;
@@ -37,21 +37,22 @@ pub(super) struct AllFit {
 }
 
 impl AllFit {
-    /// The outliers; none if there are too few points to tell. Links alone miss some poses of a robot that sags by far, and sag hides other outliers: if
-    /// the points show a misfit, the outliers are those beside it.
+    /// The outliers; `None` if there are too few points to find any. If the points show a misfit, the misfit is fitted along with the
+    /// links: links alone miss some poses of a robot with large sag, and sag hides other outliers.
     pub fn outliers(&self, watch: &Watch<'_>) -> Option<Outliers> {
         let found = self.linear.outliers(self.least_scale_mm, watch)?;
         Some(self.outliers_beside_misfit(&found, watch).unwrap_or(found))
     }
 
-    /// The outliers beside the misfit. `None` if no misfit is significant, or when the watch stops. The scatter stays that of the links: losses have it as
-    /// their scale.
+    /// The outliers if the misfit is fitted as well. `None` if no misfit is significant, or when the watch stops. The scatter remains that
+    /// of the links alone, because losses use it as their scale.
     fn outliers_beside_misfit(&self, found: &Outliers, watch: &Watch<'_>) -> Option<Outliers> {
         let without = |left_out: &[usize]| -> Vec<usize> {
             let all = 0..self.linear.n_points();
             all.filter(|i| left_out.binary_search(i).is_err()).collect()
         };
-        // The points that sag most may be among the outliers, and the others show too little of it then. The largest one alone shows no misfit.
+        // The points with the largest sag may be among the outliers, and the others then show too little of it. The smaller outliers are
+        // therefore kept. The largest one is left out, because a single point shows no misfit.
         let with_smaller_ones = || {
             let sizes = found.points.iter().zip(&found.sizes_mm);
             let (largest, _) = sizes.max_by(|a, b| a.1.total_cmp(b.1))?;
@@ -73,8 +74,8 @@ impl AllFit {
         })
     }
 
-    /// Variance of the misfit over that of the noise, from some of the points. `None` if it is not significant. One point of each configuration counts:
-    /// points of one configuration share errors, which would look like a misfit.
+    /// Ratio of the misfit's variance to that of the noise, from some of the points. `None` if it is not significant. Only one point of
+    /// each configuration is used, because points of one configuration share errors, which would look like a misfit.
     fn misfit_ratio(&self, points: &[usize], watch: &Watch<'_>) -> Option<f64> {
         let mut seen = BTreeSet::new();
         let is_first = |point: &usize| seen.insert(self.configurations[*point]);
@@ -87,7 +88,7 @@ impl AllFit {
     }
 }
 
-/// Least squares on all points except `without`, with the motions between set-ups fitted as well. Also returns the linear problem of all points.
+/// Least squares on all points except `without`; the motions between set-ups are fitted too. Also returns the linear problem of all points.
 pub(super) fn fit_all(
     request: &CalibrationRequest,
     observed: &mut Observed,
@@ -147,7 +148,7 @@ pub(super) fn fit_all(
 /// Errors over a session.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SessionErrors {
-    /// Play of joints.
+    /// Backlash of joints.
     pub backlash: Vec<Backlash>,
     /// Errors that the points of one visit share.
     pub shared: Option<SharedErrors>,
@@ -155,8 +156,8 @@ pub struct SessionErrors {
     pub drift: Option<Drift>,
 }
 
-/// Errors of the given points, in measuring order. A drift is looked for beside the play: poses that were approached from below first and from above
-/// at the end would look like one.
+/// Errors of the given points, in measuring order. Drift and backlash are fitted together: poses that were approached from below at first
+/// and from above at the end would look like drift.
 pub(super) fn session_errors(
     observed: &Observed,
     fit: &AllFit,
@@ -185,7 +186,8 @@ pub(super) fn session_errors(
     };
     let (shared, drift) = (beside_play.shared_errors(), beside_play.drift());
     SessionErrors {
-        // a drift is a shift of each visit, too
+        // Drift also shifts each visit. Shifts of visits are therefore reported only if they have a component of the joints, or if there is
+        // no drift.
         shared: shared.filter(|shared| shared.joints_rad.is_some() || drift.is_none()),
         drift,
         backlash: play.backlash,

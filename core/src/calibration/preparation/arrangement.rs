@@ -1,4 +1,4 @@
-//! Which points belong together: each point's segment between steps of its target, and its set-up of the instrument.
+//! Groups the points: by segment between the steps of their target, and by set-up of the instrument.
 //!
 //! A target that moved counts as several targets in the fit, one per segment. A base that moved (or an instrument that was set up again) is a rigid
 //! motion. The points of the other set-ups are transformed into the frame of one reference set-up, and the motions are fitted along with the robot.
@@ -27,8 +27,8 @@ pub struct Arrangement {
     pub setups: Vec<usize>,
     /// Transforms each set-up's positions into the frame of the reference set-up.
     pub motions: Vec<IsometryMatrix3<f64>>,
-    /// True if the last set-up is the reference, as the current state. False if the base is known: it is known for the first set-up, which is the
-    /// reference.
+    /// True if the last set-up is the reference, because it shows the current state. False if the base is known: it is then known for the
+    /// first set-up, which is the reference.
     pub rests_on_last: bool,
     n_targets: usize,
 }
@@ -65,7 +65,7 @@ impl FittedTargets {
 }
 
 impl Arrangement {
-    /// Arrangement as stated in the file, without detected motions: one set-up per station.
+    /// The arrangement that the file states, without detected motions: one set-up per station.
     pub fn of(request: &CalibrationRequest) -> Self {
         let points = &request.set.points;
         let order = request.set.measuring_order();
@@ -137,7 +137,7 @@ impl Arrangement {
             .iter()
             .position(|point| *point == first)
             .unwrap_or(0);
-        // a step within an earlier segment also renumbers the later segments
+        // After a step within an earlier segment, the later segments are renumbered.
         let points: Vec<usize> = self.order[from..]
             .iter()
             .filter(of_target)
@@ -234,7 +234,8 @@ pub fn motion(
     IsometryMatrix3::from_parts(Translation3::from(centre + shift_mm - turn * centre), turn)
 }
 
-/// The paper's model holds the first segment of each target nominal. Later segments cannot be held: their targets are free.
+/// The paper's model holds the first segment of each target at its nominal position. The targets of later segments are free, because their
+/// positions are unknown.
 pub fn with_moved_targets(
     request: &CalibrationRequest,
     mut parameters: Vec<Parameter>,
@@ -253,7 +254,7 @@ pub fn with_moved_targets(
     parameters
 }
 
-/// Rigid motion that best maps predicted points to measured points: the placement of a set-up.
+/// Rigid motion that best maps predicted to measured points: the placement of a set-up.
 pub fn standing(model: &KinematicModel, observations: &[Observation]) -> IsometryMatrix3<f64> {
     let predicted: Vec<Vector3<f64>> = observations
         .iter()

@@ -28,7 +28,7 @@ const MAX_POINT_EVALUATIONS: usize = 100_000_000_000;
 /// The checks of `calibrate` that need no fit. They also run when a job is posted.
 ///
 /// # Errors
-/// [`Error::Unusable`] with code `frames_required`, `model_mismatch`, `no_network`, `network_mismatch`,
+/// [`Error::Unusable`] with code `poses_not_supported`, `frames_required`, `model_mismatch`, `no_network`, `network_mismatch`,
 /// `unknown_parameter`, `bad_subset`, `target_without_identify_points`, `under_determined`, `nothing_to_identify`, `too_much_work`,
 /// `search_box_too_small`, `verify_overlaps_identify`.
 pub fn check(request: &CalibrationRequest) -> Result<(), Error> {
@@ -119,7 +119,7 @@ fn check_targets(
     identify: &[Observation],
     n_targets: usize,
 ) -> Result<(), Error> {
-    // a set without identify rows is refused by the equation count, which follows
+    // A set without identify rows is refused later, by the count of equations.
     if request.model() == Model::Paper || identify.is_empty() {
         return Ok(());
     }
@@ -148,7 +148,7 @@ fn check_determined(
         }
     };
     let n_targets = n_targets(request);
-    // one pose per target shows whether anything is observable at all
+    // One pose per target shows whether any parameter is observable at all.
     let seen = generic_jacobian(&request.robot, parameters, n_targets, n_targets.max(1));
     if seen.iter().all(|moved| moved.abs() < UNMOVED_MM) {
         let detail = format!(
@@ -157,7 +157,7 @@ fn check_determined(
         );
         return Err(unusable("nothing_to_identify", detail));
     }
-    // the rank cannot exceed the number of parameters
+    // The rank cannot exceed the number of parameters.
     let found = n_equations(identify, parameters.len());
     if found >= parameters.len() {
         return Ok(());
@@ -187,11 +187,11 @@ fn identify_share(request: &CalibrationRequest) -> f64 {
         VerifySource::Default if !has_column(&request.set) => DEFAULT_VERIFY_FRACTION,
         VerifySource::Default | VerifySource::Set(_) | VerifySource::Subset => 0.0,
     };
-    // a share of zero would ask for infinitely many configurations
+    // A share of zero would require infinitely many configurations.
     (1.0 - verify_share).max(0.01)
 }
 
-/// Refuses sets whose reference station has too few configurations. An error of its base would go into every link and would show at no point.
+/// Refuses sets whose reference station has too few configurations. An error of its base would change every link and show at no point.
 fn check_stations(request: &CalibrationRequest, subsets: &[Subset]) -> Result<(), Error> {
     let arrangement = Arrangement::of(request);
     let resting = arrangement.resting();
@@ -223,10 +223,10 @@ fn check_stations(request: &CalibrationRequest, subsets: &[Subset]) -> Result<()
     Err(unusable("under_determined", detail))
 }
 
-/// Limits the product of particles, iterations and points. Each of them also has a limit of its own.
+/// Limits the product of particles, iterations and points. Each factor also has its own limit.
 fn check_work(request: &CalibrationRequest, n_points: usize) -> Result<(), Error> {
-    // Least squares needs tens of evaluations. bpnn_pso runs three swarms, two of them for the comparison. Auto may choose either of the two; for
-    // poses it never does.
+    // Least squares needs tens of evaluations. `bpnn_pso` runs three swarms, two of them for the comparison. `auto` may choose either
+    // method, but never a swarm for poses.
     let n_swarms = match request.method {
         Method::LeastSquares => return Ok(()),
         Method::Auto if request.set.has_poses() => return Ok(()),
@@ -261,7 +261,7 @@ fn check_search_box(
     let (settings, options) = (settings(request), &request.options);
     let is_asked_for =
         options.search_half_width_mm.is_some() || options.search_half_width_deg.is_some();
-    // priors define search directions of their own
+    // Stated priors define their own search directions.
     if !is_asked_for
         || !request.priors.is_empty()
         || !settings.singular_directions

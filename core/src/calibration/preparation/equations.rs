@@ -1,4 +1,4 @@
-//! Number of equations that points give, and number of parameter combinations of a model.
+//! Counts the equations that points give, and the parameter combinations of a model.
 
 use crate::identification::KinematicModel;
 use crate::identification::least_squares::linearisation::scaled_jacobian_at;
@@ -86,12 +86,12 @@ pub fn generic_jacobian(
         .iter()
         .any(|p| matches!(p, Parameter::Target(..)))
     {
-        // place the targets off every axis of the robot, so that they are generic
+        // Places the targets off every axis of the robot, so that they are generic.
         for (i, target) in model.targets_mm.iter_mut().enumerate() {
             *target = Vector3::new(0.036 + 0.01 * i as f64, -0.025, 0.057) * reach_mm;
         }
     }
-    // add rotations if target rotations are parameters: positions do not determine them
+    // Adds rotations if target rotations are parameters, because positions do not determine them.
     if parameters
         .iter()
         .any(|p| matches!(p, Parameter::TargetRotation(..)))

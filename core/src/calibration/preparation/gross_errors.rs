@@ -13,7 +13,7 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Maximum number of outlier searches. Each uses the fit without the gross errors found so far.
 pub(super) const MAX_SEARCHES: usize = 4;
 
-/// A run of fewer outlying rows of a target is gross errors. A run of this many or more may be a target that moved.
+/// A run of fewer outlying rows of a target consists of gross errors. A run of this many or more may be a target that moved.
 const MIN_MOVED: usize = 3;
 /// An isolated row that deviates by more than this share of the reach is a gross error, not a motion: 8 mm on an arm of 1.7 m.
 const GROSS_PER_REACH: f64 = 5e-3;
@@ -75,15 +75,15 @@ pub(super) fn without_gross(
     }
 }
 
-/// Runs of suspects at the start or end of the file that cover at least two configurations of several targets. A robot that was knocked shows this
-/// pattern.
+/// Runs of suspects at the start or end of the file that cover at least two configurations of several targets. Such a run occurs if the
+/// robot was hit.
 fn outlying_together(
     observed: &Observed,
     order: &[usize],
     outliers: Option<&Outliers>,
 ) -> Vec<usize> {
     let n_targets = observed.targets.iter().max().map_or(1, |target| target + 1);
-    // `points` is in ascending order
+    // `points` is sorted in ascending order.
     let is_suspect =
         |p: &usize| outliers.is_some_and(|found| found.points.binary_search(p).is_ok());
     let runs = order.chunk_by(|a, b| is_suspect(a) == is_suspect(b));
@@ -95,9 +95,9 @@ fn outlying_together(
         .collect()
 }
 
-/// Suspects that are isolated among the points of their target, in measuring order, or that deviate by more than twice the median of their segment. A
-/// reflector that slipped makes a segment of suspects with similar deviations, because the other reflectors hold the fit. Such a segment is not
-/// returned: outliers would hide the step.
+/// Suspects that are isolated among the points of their target, in measuring order, or that deviate by more than twice the median of their
+/// segment. A reflector that slipped gives a whole segment of suspects with similar deviations, because the other reflectors determine the
+/// fit. Such a segment is not returned, because outliers would hide the step.
 pub(super) fn lone_suspects(
     observed: &Observed,
     order: &[usize],

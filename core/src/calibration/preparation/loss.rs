@@ -34,7 +34,7 @@ pub enum PointLoss {
 }
 
 impl PointLoss {
-    /// The loss of the request, at the scale that screening found.
+    /// The requested loss, with the scale from the screening.
     pub fn of(request: &CalibrationRequest, screening: &Screening) -> Self {
         let scale_mm = screening.scale_mm;
         match loss(request, screening) {
@@ -50,8 +50,8 @@ impl PointLoss {
         }
     }
 
-    /// The loss as the swarm's kernel expects it. Tukey's loss is flat beyond a few standard deviations, where a swarm begins, so a swarm would see
-    /// no slope. The swarm searches with Huber's loss instead. The refinement ends with Tukey's loss.
+    /// The loss for the swarm's kernel. Tukey's loss is flat beyond a few standard deviations, where a swarm starts, so the swarm uses
+    /// Huber's loss instead. The refinement then uses Tukey's loss.
     pub fn bound(self) -> Option<Bound> {
         match self {
             Self::Bounded {

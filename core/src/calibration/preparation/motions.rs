@@ -44,8 +44,8 @@ fn n_of(arrangement: &Arrangement, points: &[usize], setup: usize) -> usize {
     points.iter().filter(is_of_setup).count()
 }
 
-/// Set-ups whose motions are fitted to `points`. One set-up is held, because the base already describes a motion common to all. It is the reference
-/// set-up or, if that has too few of these points, the last set-up that has enough.
+/// Set-ups whose motions are fitted to `points`. One set-up is held, because the base already describes a motion common to all. The held
+/// one is the reference set-up, or the last set-up with enough points if the reference has too few.
 fn moving(arrangement: &Arrangement, points: &[usize]) -> Vec<usize> {
     let n_of = |setup: usize| n_of(arrangement, points, setup);
     let in_reverse = arrangement.order.iter().rev();
@@ -58,7 +58,7 @@ fn moving(arrangement: &Arrangement, points: &[usize]) -> Vec<usize> {
         .collect()
 }
 
-/// Derivatives along the observable combinations, and along the fitted motions of set-ups.
+/// Derivatives of the residuals by the observable combinations and by the fitted motions of set-ups.
 pub fn derivatives(
     model: &KinematicModel,
     parameters: &[Parameter],
@@ -82,7 +82,7 @@ pub fn derivatives(
             here.copy_from(columns.base(*point));
             let posed = o.rotation.as_ref().zip(model.rotation(&o.q_rad, o.target));
             if let Some((measured, predicted)) = posed {
-                // a motion of what was measured changes the residual as the opposite motion of the prediction
+                // A motion of the measured points changes the residual like the opposite motion of the predicted ones.
                 let per_unit = o.weight.sqrt() * measured.mm_per_rad / columns.size_mm();
                 let turned = rows_by_turn(&predicted, measured) * per_unit;
                 all.fixed_view_mut::<3, 3>(row + 3, first + 3)
@@ -146,7 +146,7 @@ pub fn fit_motions(
             subset.is_none_or(|s| observed.subsets[*p] == s) && observed.all[*p].weight > 0.0
         })
         .collect();
-    // positions determine a robot without motions; with motions, the rotations of poses count
+    // Without motions, positions determine the robot. With motions, rotations of poses count too.
     let has_motions = arrangement.motions.len() > 1;
     let fitted_of = |observed: &Observed| -> Vec<Observation> {
         let all = points.iter().map(|p| &observed.all[*p]);
@@ -172,7 +172,7 @@ pub fn fit_motions(
             .model
         });
         let rows = Problem::new(nominal.clone(), &parameters, &fitted);
-        // few poses of several set-ups leave no rest, and noise and priors decide
+        // A few poses of several set-ups leave no redundancy. Stated noise and priors then decide.
         let (fit, noise_mm) = match rows.usual_sigma_mm {
             None => {
                 let fit = least_squares_while(&rows, &start, watch);
@@ -194,15 +194,15 @@ pub fn fit_motions(
         }
     }
     let nominal = || KinematicModel::nominal(&request.robot.links, targets.len());
-    // what follows are searches in positions
+    // The searches that follow use positions only.
     Ok(KinematicModel {
         target_rotations: vec![],
         ..model.unwrap_or_else(nominal)
     })
 }
 
-/// One Gauss-Newton step of the motions together with all other unknowns, from the most probable robot for the present motions. Returns true once the step
-/// is small. `noise_mm` bounds the noise of a coordinate from below.
+/// One Gauss-Newton step of the motions together with all other unknowns. It starts from the most probable robot for the present motions.
+/// Returns true if the step is small. `noise_mm` is a lower bound of the noise of a coordinate.
 fn move_setups(
     (model, parameters): (&KinematicModel, &[Parameter]),
     observed: &Observed,
@@ -226,16 +226,16 @@ fn move_setups(
         }
         let (shift_mm, turn_rad) = columns.motion(&solution[n_seen + 6 * k..n_seen + 6 * k + 6]);
         largest = largest.max(shift_mm.norm() + turn_rad.norm() * columns.size_mm());
-        // the step moved the measured points; its inverse transforms them back
+        // The step moves the measured points; its inverse transforms them back.
         arrangement.motions[setup] =
             motion(&shift_mm, &turn_rad, &columns.centre).inverse() * arrangement.motions[setup];
     }
     largest <= MOTION_FOUND_PER_REACH * reach_mm(&model.links, observed.all.iter())
 }
 
-/// The Gauss-Newton step r ≈ A·x of all unknowns. The first `n_known` of them have a prior of standard deviation 1, and are at their most probable values
-/// when the others are held. At these values the gradients of rows and priors cancel each other, so each prior is a row σ·xᵢ = −(Aᵀ·r)ᵢ/σ. With it, a
-/// few points of many set-ups determine the step too.
+/// The Gauss-Newton step x of all unknowns, r ≈ A·x. The first `n_known` unknowns have a prior of standard deviation 1 and already have
+/// their most probable values for the present values of the others. There, the gradients of rows and priors cancel, so each prior
+/// contributes the row σ·xᵢ = −(Aᵀ·r)ᵢ/σ. With these rows, a few points of many set-ups determine the step too.
 fn most_probable_step(
     derivatives: DMatrix<f64>,
     residuals: &DVector<f64>,

@@ -1,5 +1,5 @@
-//! From a request to what is fitted and scored: observations in the model's joint convention, their subsets, the free parameters, and robots with given
-//! links whose base and targets are placed on the observations.
+//! Converts a request to what is fitted and scored: observations in the model's joint convention, their subsets, and the free parameters.
+//! Also places a robot with given links on the observations, by fitting base and targets.
 
 use crate::calibration::request::{CalibrationRequest, Model, ParameterChoice, VerifySource};
 use crate::calibration::{Error, unusable};
@@ -102,8 +102,9 @@ pub fn observe(request: &CalibrationRequest) -> Result<Observed, Error> {
     Ok(observed)
 }
 
-/// Weighs each session by its own noise. The weight of a point is its 1/std² within the session, divided by the squared noise of the session,
-/// relative to the mean over the fitted points. Poses are weighed later over all sessions, once the noise of position and rotation is known.
+/// Weighs each session by its own noise. A point's weight is its 1/std² within the session, divided by the session's squared noise,
+/// relative to the mean over the fitted points. Poses are weighed later over all sessions, when the noise of position and rotation is
+/// known.
 fn weigh_sessions(request: &CalibrationRequest, observed: &mut Observed) {
     let noises_mm = &request.session_noise_mm;
     if noises_mm.is_empty() || request.set.has_poses() {
@@ -172,7 +173,7 @@ fn observations(
     to_base: &IsometryMatrix3<f64>,
     subsets: &[Subset],
 ) -> Vec<Observation> {
-    // poses are weighed once the noise of position and rotation is known
+    // Poses are weighed later, when the noise of position and rotation is known.
     let weights = match set.has_poses() {
         true => vec![1.0; set.points.len()],
         false => weights(set, subsets),
@@ -205,8 +206,8 @@ pub fn stated_scale_mm(set: &MeasurementSet) -> f64 {
     })
 }
 
-/// 1/std² of each point relative to its mean over the fitted points (over all points if none is fitted). Equal uncertainties thus leave F unchanged,
-/// and points to verify have no influence. 1 if no uncertainties are given.
+/// 1/std² of each point, relative to the mean over the fitted points (over all points if none is fitted). So equal uncertainties do not
+/// change F, and verify points have no influence. 1 if no uncertainties are stated.
 fn weights(set: &MeasurementSet, subsets: &[Subset]) -> Vec<f64> {
     let all: Option<Vec<f64>> = set
         .points
@@ -273,7 +274,7 @@ pub fn free_parameters(
     }
     let keep = |p: &Parameter| match &request.parameters {
         ParameterChoice::Hold(_) => !asked.contains(&p.name()),
-        // base and targets belong to the measurement, not to the robot: they stay free unless held by name
+        // Base and targets belong to the measurement, not to the robot. They are free unless they are held by name.
         _ => asked.contains(&p.name()) || !p.is_link(),
     };
     let free: Vec<Parameter> = model.into_iter().filter(keep).collect();

@@ -1,8 +1,8 @@
-//! Weights of points on which a known robot is only placed: for noise that differs between directions, and for poses.
+//! Weights of points that a known robot is placed on: for noise that differs between directions, and for poses.
 //!
-//! As in [`row_weights`](super::row_weights), the covariance of a position is the stated one plus s²·1. The residuals of the placed robot, along the
-//! axes of each point's noise, determine s. If a robot is far off, all directions thus count nearly alike in its placement. The variance of rotations is
-//! found in the same way.
+//! As in [`row_weights`](super::row_weights), the covariance of a position is the stated covariance plus s²·1. s is estimated from the
+//! residuals of the placed robot along the axes of each point's noise. So all directions count nearly alike in the placement of a robot
+//! that is far off. The variance of rotations is estimated in the same way.
 
 use crate::calibration::preparation::arrangement::Arrangement;
 use crate::calibration::preparation::observe::{Observed, relative_weights};

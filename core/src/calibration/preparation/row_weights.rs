@@ -62,7 +62,7 @@ fn stated(point: &Point) -> (f64, f64) {
     (position_mm, point.std_rotation_rad.unwrap_or(0.0))
 }
 
-/// Start model from the positions of poses alone: these show whether joints are far off.
+/// Start model from the positions of the poses alone; they show whether joints are far off.
 pub fn start_of_poses(problem: &Problem<'_>) -> BestStart {
     let n_targets = problem.screening.targets.len();
     let placed = |links, points: &[Observation]| placed(problem.request, links, points, n_targets);
@@ -112,7 +112,7 @@ pub fn weigh(problem: &mut Problem<'_>, watch: &Watch<'_>) -> Result<(), Error> 
     };
     for _ in 0..ROUNDS {
         apply(problem, &noise, is_by_direction);
-        // with a robust loss, gross errors stay in the fit; the noise is estimated from the other points
+        // With a robust loss, gross errors remain in the fit. The noise is estimated from the other points.
         let points = match is_by_direction {
             true => problem.trusted(),
             false => problem.identify.clone(),
@@ -153,7 +153,7 @@ pub fn weigh(problem: &mut Problem<'_>, watch: &Watch<'_>) -> Result<(), Error> 
         problem.arrangement.apply(&mut problem.observed);
         problem.identify = problem.observed.of(Subset::Identify);
     }
-    // the nominal robot ("before") is placed with the same weights as the identified one
+    // The nominal robot ("before") is placed with the same weights as the identified robot.
     let links = problem.nominal.links.clone();
     let counting = counting(&problem.identify);
     problem.nominal = placed(problem.request, links, &counting, n_targets);
@@ -175,7 +175,7 @@ fn variances(point: &Point, noise: &Noise) -> (f64, f64) {
     )
 }
 
-/// Sets the weights from these variances, with mean 1 over the identify points. Points without weight stay without weight.
+/// Sets the weights to the inverse variances, scaled to mean 1 over the identify points. A weight of 0 stays 0.
 fn apply(problem: &mut Problem<'_>, noise: &Noise, is_by_direction: bool) {
     let set = &problem.request.set;
     let all = &mut problem.observed.all;
@@ -210,8 +210,9 @@ fn apply(problem: &mut Problem<'_>, noise: &Noise, is_by_direction: bool) {
     problem.least_sigma_mm = least_sigma_mm(set, &fitted);
 }
 
-/// Whitens each point's noise together with an isotropic part `beside_mm`. Noise is stated in the measuring frame. `to_measuring` transforms from the
-/// frame of the observations to the measuring frame. The motion of a row transforms its observation into the frame of the fit.
+/// Whitens each point's stated noise plus an isotropic part `beside_mm`. The noise is stated in the measuring frame. `to_measuring`
+/// transforms from the frame of the observations to the measuring frame. The motion of a row transforms its observation into the frame of
+/// the fit.
 pub(super) fn whiten(
     observed: &mut Observed,
     set: &MeasurementSet,

@@ -27,10 +27,10 @@ const REVIEW_SHARE: f64 = 0.05;
 const LEFT_OUT_SHARE: f64 = 0.1;
 /// Maximum share of the identify points that may be left out. It is larger, because most outliers may be among them by chance.
 const LEFT_OUT_OF_SUBSET: f64 = 0.2;
-/// A step is rejected if at least this share of the points on its smaller side remain outliers. A false step explains only one of two or three
-/// outliers; the others remain outliers.
+/// A step is rejected if at least this share of the points on its smaller side remain outliers. A false step explains only one of two or
+/// three outliers.
 const SCATTERED: f64 = 0.25;
-/// Maximum number of steps. A campaign with more is not worth fitting.
+/// Maximum number of steps. With more, the measurement is not worth fitting.
 const MAX_STEPS: usize = 4;
 
 /// An outlier.
@@ -59,7 +59,7 @@ pub struct Screening {
     pub are_few: bool,
     /// Steps, by row.
     pub steps: Vec<Step>,
-    /// Play, shared errors and drift.
+    /// Backlash, shared errors and drift.
     pub over_session: SessionErrors,
     /// Rows of segments without identify points. They are scored with the segment before.
     pub unfitted_rows: Vec<usize>,
@@ -91,7 +91,7 @@ pub fn screen(
             links,
         } = search(request, observed, &mut arrangement, &mut screening, watch)?;
         for _ in 0..MAX_SEARCHES {
-            // the fit without these outliers is already known
+            // The fit without these outliers is already known.
             if outliers
                 .as_ref()
                 .is_some_and(|w| w.points == fitted_without)
@@ -126,7 +126,8 @@ pub fn screen(
         }
         screening.steps.sort_by_key(|s| s.first);
         screening.unfitted_rows = arrangement.join_unfitted(observed);
-        // positions may leave the flange of the fitted links open, and the nominal ones have unmastered joints: a pose is turned for both
+        // A pose counts as turned only if it is turned for both robots: positions may not determine the flange of the fitted links, and the
+        // nominal robot may have unmastered joints.
         let for_nominal = turned_poses(&request.robot.links, observed, &arrangement);
         let turned: Vec<TurnedPose> = turned_poses(&links, observed, &arrangement)
             .into_iter()
@@ -200,7 +201,8 @@ fn search(
             find(observed, &fit, &belonging, watch)
         };
         let mut accepted = false;
-        // with outliers in the fit, a step must explain at least one of them; with segments of outliers, at least half of these
+        // If outliers are in the fit, a step must explain at least one of them. If there are segments of outliers, it must explain at least
+        // half of their points.
         let in_segments = suspects.len() - lone.len();
         let tried = [
             (&with_all, suspects.len().min(1)),
@@ -218,10 +220,10 @@ fn search(
             if n_left.is_some_and(|n| n_to_explain > 0 && n + n_to_explain > suspects.len()) {
                 continue;
             }
-            // a real step explains the points on its smaller side; if many of them remain outliers, they are not a segment
+            // A real step explains the points on its smaller side. If many of them remain outliers, they do not form a segment.
             let minor = others(&minor_side(observed, arrangement, jump), &gross);
             let still_outlying = left.as_ref().map_or(0, |w| {
-                // `points` is in ascending order
+                // `points` is sorted in ascending order.
                 let is_outlier = |p: &&usize| w.points.binary_search(p).is_ok();
                 minor.iter().filter(is_outlier).count()
             });
@@ -233,7 +235,8 @@ fn search(
             break;
         }
         if !accepted {
-            // the paper's model holds the target nominal at first and frees it after a step: if the real target is elsewhere, any such step is a gain
+            // The paper's model holds the target at its nominal position and frees it after a step. If the real target is elsewhere, any
+            // step that frees it improves the fit.
             let frees_all = |jump: &Jump| {
                 request.model() == Model::Paper
                     && lone_point(observed, arrangement, jump) != jump.first
@@ -242,7 +245,7 @@ fn search(
                 let lone = lone_point(observed, arrangement, jump);
                 jump.n_minor == 1 && suspects.iter().all(|p| *p == lone)
             };
-            // beside gross errors, a single point is another gross error
+            // If there are gross errors, a single point is probably another one and not a step.
             let lone = with_all.filter(|s| gross.is_empty() && is_lone(s) && !frees_all(s));
             screening
                 .steps
@@ -260,8 +263,8 @@ fn search(
     })
 }
 
-/// Searches for outliers again, from the fit without those found; `None` if none were found. Points that are off by metres move the fit so far that
-/// the linearisation is invalid and other outliers stay hidden.
+/// Searches for outliers again, starting from the fit without those already found; `None` if none had been found. Points that are off by
+/// metres change the fit so much that the linearisation is invalid and other outliers stay hidden.
 fn search_again(
     request: &CalibrationRequest,
     observed: &mut Observed,

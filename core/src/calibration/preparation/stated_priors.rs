@@ -19,7 +19,7 @@ use crate::identification::statistics::uncertainty::Uncertainty;
 use crate::solvers::least_squares::Iteration;
 use crate::solvers::watch::Watch;
 
-/// Significance level: the points contradict the priors if such a loss of fit has a smaller probability by chance.
+/// Significance level. The points contradict the priors if a loss of fit as large as the observed one has a smaller probability by chance.
 const SIGNIFICANCE_LEVEL: f64 = 1e-4;
 
 /// A fault of a prior.
@@ -167,7 +167,7 @@ pub fn stated_priors(
             .iter()
             .position(|p| p.name() == known.name)?;
         let parameter = &problem.parameters[index];
-        // values as in the report: d of the last link without the tool that was merged into it
+        // Values as in the report: d of the last link excludes the tool that was merged into it.
         let nominal = problem.reported(&problem.nominal, parameter);
         let from_nominal = |value: f64| from_unit(parameter, value) - nominal;
         Some(Prior {
@@ -246,7 +246,7 @@ pub fn outcome_of(
     })
 }
 
-/// Warns if the points fit far better without the priors than chance allows, and of parameters that ended at a bound.
+/// Warns if the points fit much better without the priors than chance allows, and about parameters that ended at a bound.
 pub fn warnings(problem: &Problem<'_>, model: &KinematicModel) -> Vec<Warning> {
     let Some(known) = &problem.priors else {
         return vec![];

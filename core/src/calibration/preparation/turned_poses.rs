@@ -1,5 +1,5 @@
-//! Rotations of poses that do not belong to the others: single poses, such as a target that an instrument saw turned by half a turn, and a target that
-//! was twisted on its holder.
+//! Finds rotations of poses that contradict the others: single poses, e.g. a target that the instrument saw rotated by half a turn, and a
+//! target that was twisted on its holder.
 
 use crate::calibration::preparation::arrangement::Arrangement;
 use crate::calibration::preparation::observe::Observed;
@@ -16,11 +16,11 @@ use std::collections::BTreeMap;
 
 /// Minimum number of poses of a target from one set-up.
 const MIN_POSES: usize = 8;
-/// A turned pose is off by more than this, rad (2°), and by more than [`MIN_TIMES_MEDIAN`] times the median.
+/// A pose is turned if its rotation is off by more than this, rad (2°), and by more than [`MIN_TIMES_MEDIAN`] times the median.
 const MIN_TURN_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
 const MIN_TIMES_MEDIAN: f64 = 10.0;
 
-/// A pose that is turned against the others.
+/// A pose whose rotation contradicts the other poses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TurnedPose {
     /// Its point.
@@ -29,7 +29,7 @@ pub struct TurnedPose {
     pub angle_rad: f64,
 }
 
-/// The turned poses, by point. Base and target are rotated for the best fit of these links, for each segment of a target and set-up.
+/// The turned poses, by point. For each segment of a target and each set-up, base and target are rotated for the best fit of these links.
 pub fn turned_poses(
     links: &[Link],
     observed: &Observed,
@@ -42,8 +42,8 @@ pub fn turned_poses(
     turned
 }
 
-/// The first target that was twisted, of all segments. Positions may leave the flange of the fitted links open, so nominal links have to show the same
-/// twist.
+/// The first target, of all segments, that was twisted. Both pairs of links must show the same twist, because positions may not determine
+/// the flange of the fitted links.
 pub fn turned_target(
     links: [&[Link]; 2],
     observed: &Observed,
@@ -72,7 +72,7 @@ pub fn turned_target(
     })
 }
 
-/// The poses of each segment of a target and set-up in measuring order, where they are enough.
+/// The poses of each segment of a target and each set-up, in measuring order; only groups with enough poses.
 fn groups(observed: &Observed, arrangement: &Arrangement) -> impl Iterator<Item = Vec<usize>> {
     let mut groups: BTreeMap<(usize, usize, usize), Vec<usize>> = BTreeMap::new();
     for point in &arrangement.order {

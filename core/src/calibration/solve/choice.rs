@@ -73,7 +73,7 @@ fn by_evidence(problem: &Problem<'_>) -> Choice {
     }
 }
 
-/// If least squares from nominal converges, neither the reason nor the result depends on whether there is a network.
+/// If least squares from nominal converges, neither reason nor result depends on whether a network exists.
 fn evidence(best: &BestStart) -> (Method, String) {
     let left_out = if best.is_pulled_away {
         ", the quarter of them left out that fits worst"

@@ -20,15 +20,15 @@ use crate::kinematics::{MeasuredRegion, Mounting, reach_mm};
 use crate::measurement::{Frame, Subset};
 use nalgebra::{IsometryMatrix3, Vector3};
 
-/// Uncertainty of the gravity direction if no mounting is stated: on a floor, to 2°.
+/// Uncertainty of the gravity direction if no mounting is stated, rad: a robot on a floor that is level to 2°.
 const USUAL_MOUNTING_STD_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
-/// Uncertainty of the gravity direction from a levelled instrument, in the base frame: the level is good to thousandths of a degree, and the rotation of
-/// the base, with the nominal robot placed on the points, to a tenth.
+/// Uncertainty of the gravity direction in the base frame if the instrument was levelled, rad. The level itself is accurate to thousandths
+/// of a degree; the rotation of the base, from the nominal robot placed on the points, is accurate to a tenth of a degree.
 const LEVELLED_STD_RAD: f64 = 0.1 * std::f64::consts::PI / 180.0;
 /// Gravity contradicts the mounting if it deviates by more than this number of its standard deviations, and by more than `MIN_TILT_RAD` (0.5°).
 const CONTRADICTED_SIGMAS: f64 = 3.0;
 const MIN_TILT_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
-/// A mounting with a larger standard deviation is unknown (30°).
+/// The direction of gravity counts as unknown if the mounting's standard deviation is larger, rad (30°).
 const ANY_MOUNTING_RAD: f64 = std::f64::consts::FRAC_PI_6;
 /// Maximum number of points for identifying corrections, evenly selected: many more than there are unknowns.
 const MAX_POINTS: usize = 3_000;
@@ -46,8 +46,8 @@ pub struct Found {
 }
 
 impl Found {
-    /// All points of the problem as they are placed for the robot with corrections: set-ups of the instrument other than the reference stand otherwise
-    /// than for the links alone.
+    /// All points of the problem, placed for the robot with corrections. Set-ups of the instrument other than the reference have other
+    /// motions than for the links alone.
     pub fn placed(&self, problem: &Problem<'_>) -> Vec<Observation> {
         let motions = self
             .fitted
@@ -95,7 +95,7 @@ impl Points {
                 .iter()
                 .for_each(|station| n_of[*station] += 1);
         }
-        // too few points do not place a set-up: it stays where the links have it
+        // Too few points do not determine a set-up's motion; it keeps the motion of the fit of the links.
         let placed = |row: usize| stations[row].filter(|station| n_of[*station] >= MIN_OF_SETUP);
         let set_ups: Vec<Option<usize>> = taken.iter().map(|(_, row)| placed(*row)).collect();
         let is_one = set_ups.iter().all(Option::is_none);
@@ -220,8 +220,8 @@ pub fn mounting_contradicted(problem: &Problem<'_>, found: &Found) -> Option<War
     })
 }
 
-/// True if gravity does negative work on the joints, Σ M·(K∘M) < 0 over the points: what gives way elastically moves with the load. Only stiffnesses count
-/// that clearly lower the error of points that they were not fitted to.
+/// True if gravity does negative work on the joints over all points, Σ M·(K∘M) < 0. Elastic deflection follows the load, so this is
+/// impossible. Only stiffnesses that clearly reduce the error of points that were not fitted are counted.
 fn gives_against_gravity(problem: &Problem<'_>, found: &Found) -> bool {
     let is_clear = |tried: &Evidence| {
         let least_mm2 = CONTRADICTED_SIGMAS * tried.standard_error_mm2;
@@ -241,7 +241,7 @@ fn gives_against_gravity(problem: &Problem<'_>, found: &Found) -> bool {
 
 /// Warning: no corrections were searched for, because priors are stated.
 pub fn left_out_for_priors() -> Warning {
-    // stated bounds and means of links have never been tested together with corrections on a measured robot
+    // Stated bounds and means of links have not been tested together with corrections on a measured robot.
     let detail = "what links cannot say (sag, harmonics, the residual network) was not looked for, because parameters have priors: \
                   `links_with_corrections` would not keep to them. The set predicts by its links alone; leave `priors` out to have corrections";
     Warning::new("corrections_left_out", detail)
@@ -254,9 +254,9 @@ pub fn left_out_of_a_part() -> Warning {
     Warning::new("corrections_left_out", detail)
 }
 
-/// Veto by the verify points. It selects nothing: it keeps all corrections, or drops all of them if the robot with corrections is further from these
-/// points than its links alone. The links of `robot` are placed at `points`, and the robot with
-/// corrections at `corrected_points`, the same points.
+/// Veto by the verify points. It selects nothing: it keeps all corrections, or drops all of them if the robot with corrections is further
+/// from these points than its links alone. The links of `robot` are placed at `points`. The robot with corrections is placed at
+/// `corrected_points`, which are the same points.
 pub fn veto(
     found: Found,
     robot: &IdentifiedRobot,
@@ -276,7 +276,7 @@ pub fn veto(
             [links_mm, corrected_mm, corrected_mm]
         })
         .collect();
-    // points that both predictions miss by far do not count
+    // Points that both predictions miss by far are left out.
     let comparison = robust_comparison(&errors_mm);
     let (links_mm, corrected_mm) = (comparison.before_rms_mm, comparison.after_rms_mm);
     let [links_rad, corrected_rad] = rotation_rms_rad(robot, points, corrected_points);
@@ -387,8 +387,8 @@ pub fn corrections(
     }
 }
 
-/// Fits the kept corrections again, to all identify points of another problem, beside its `model`. `None` if no correction was kept, or if the equations
-/// cannot be solved.
+/// Fits the kept corrections again, together with `model`, to all identify points of another problem. `None` if no correction was kept, or
+/// if the equations cannot be solved.
 pub fn refit(
     problem: &Problem<'_>,
     model: &KinematicModel,
@@ -399,7 +399,7 @@ pub fn refit(
     let observations = &points.observations;
     let nominal = delivered(problem, &problem.nominal);
     let priors = problem.determined(model, observations).priors;
-    // with other points, other set-ups may have enough of them
+    // With other points, other set-ups may have enough points.
     let start = Fitted {
         motions: vec![IsometryMatrix3::identity(); points.n_motions],
         ..fitted.clone()

@@ -1,7 +1,8 @@
-//! The delivered fit: links, base, targets and corrections fitted to all points of the upload, after the fit to the identify subset was verified.
+//! The delivered fit: links, base, targets and corrections fitted to all points of the upload, after the fit to the identify subset was
+//! verified.
 //!
-//! The held-out points are no longer needed to judge the answer, and they improve it. All choices stay the same: free parameters, segments, points
-//! without weight, loss and kinds of corrections. The errors in the report are those of the verified fit.
+//! The held-out points are no longer needed for judging the result, and they improve it. All choices stay the same: free parameters,
+//! segments, points without weight, loss and kinds of corrections. The errors in the report are those of the verified fit.
 
 use crate::calibration::outcome::delivery::delivered;
 use crate::calibration::outcome::stated_uncertainty::{
@@ -77,14 +78,14 @@ pub fn is_wanted(problem: &Problem<'_>) -> bool {
         && (screening.is_down_weighted || !screening.is_for_review)
 }
 
-/// Maximum ratio of two standard deviations of a coordinate: in the fit to all points, and in the fit to the identify subset. Above it, the two
-/// subsets do not belong together, if that is no chance. Each standard deviation takes the degrees of freedom of its fit into account.
+/// Maximum ratio of two standard deviations of a coordinate: in the fit to all points, and in the fit to the identify subset. Above it the
+/// two subsets do not belong together, provided that the difference is significant. Each standard deviation takes the degrees of freedom of
+/// its fit into account.
 const MAX_SCATTER: f64 = 3.0;
 /// Differences below this share of the robot's reach are rounding.
 const ROUNDING_PER_REACH: f64 = 1e-6;
 
-/// Fits all points, starting from the verified fit. Returns no fit but a warning if the verify points do not belong to the others: no single robot
-/// fits both.
+/// Fits all points, starting from the verified fit. If no single robot fits both subsets, returns a warning instead of a fit.
 pub fn final_fit<'a>(
     verified: &Problem<'a>,
     model: &KinematicModel,
@@ -107,7 +108,7 @@ pub fn final_fit<'a>(
             let fit = least_squares_from(&problem, model, None, &mut quiet(monitor))?;
             let refit = |found| corrections::refit(&problem, &fit.model, found);
             let refitted = corrections.and_then(refit);
-            // compare both fits in the same way: if corrections cannot be fitted again, by the links alone
+            // Compares both fits in the same way: by the links alone, if the corrections cannot be fitted again.
             let mut noises = [problem.noise(&fit.model), verified.noise(model)];
             if let (Some((_, all)), Some(verified)) = (&refitted, of_verified) {
                 noises[0].std_mm = all.variance.sqrt();
@@ -115,7 +116,7 @@ pub fn final_fit<'a>(
             }
             let [all, identify] = noises;
             let rounding_mm = ROUNDING_PER_REACH * reach_mm(&verified.request.robot.links);
-            // a fit that can follow its few points scatters by nothing, and that says nothing
+            // A fit without redundancy follows its points exactly, so its scatter shows nothing.
             if without_redundancy(verified).is_none()
                 && all.std_mm > MAX_SCATTER * identify.std_mm + rounding_mm
                 && all.is_more_than(&identify)
@@ -201,16 +202,16 @@ impl<'a> Problem<'a> {
             priors: None,
             ..self.clone()
         };
-        // all points tell more of the noise of positions and rotations than the identify subset alone
+        // All points together determine the noise of positions and rotations better than the identify subset.
         weigh(&mut problem, watch)?;
         problem.priors = stated_priors(&problem, watch)?;
         Ok(problem.decomposed_with_tool_of(model))
     }
 }
 
-/// Errors of the corrections that were fitted to the points of a problem. `links_alone` is its fit without corrections. `None` where the wider problem
-/// is not that of this fit: with a robust loss, whose pseudo-points are those of the links alone, with the frames of sweeps, and if the equations cannot
-/// be solved.
+/// Errors of the corrections that were fitted to the points of a problem. `links_alone` is its fit without corrections. `None` if the
+/// equations cannot be solved, or if the problem with corrections differs from the fitted one. It differs with a robust loss, whose
+/// pseudo-points are those of the links alone, and with the frames of sweeps.
 fn corrected_errors(
     problem: &Problem<'_>,
     links_alone: &KinematicModel,

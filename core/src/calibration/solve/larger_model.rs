@@ -42,7 +42,7 @@ pub fn warning(
         previous: None,
         ..request.clone()
     };
-    // if the complete model cannot be identified, the request is not at fault
+    // If the complete model cannot be identified, that is no fault of the request.
     let problem = check(&larger)
         .and_then(|()| watched(monitor, |watch| Problem::new(&larger, watch)).flatten());
     let complete = match problem {
@@ -52,7 +52,7 @@ pub fn warning(
     };
     let fit = least_squares_from(&complete, &complete.nominal, None, monitor)?.model;
     let complete_mm = rms_mm(&fit, &complete.identify);
-    // if the paper's model does not fit at all, it is enough that the complete model fits
+    // If the paper's model does not fit at all, it is sufficient that the complete model fits.
     let limit_mm = no_fit_mm(&request.robot.links);
     let is_remedy = fit_mm > limit_mm && complete_mm < 0.5 * limit_mm;
     if complete_mm * MIN_IMPROVEMENT > fit_mm && !is_remedy {

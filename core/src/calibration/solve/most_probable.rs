@@ -131,7 +131,7 @@ impl Problem<'_> {
         if self.request.set.frame == Frame::Base {
             rows = rows.with_known_base();
         }
-        // the paper's least squares has no priors
+        // The paper's least squares has no priors.
         if self.request.preset == Preset::Paper {
             rows.without_own_priors();
         }

@@ -34,7 +34,7 @@ pub fn swarm(
     start: Start,
     monitor: &mut Monitor<'_>,
 ) -> Result<Found, Error> {
-    // the kernel has one weight per point
+    // The kernel has one weight per point.
     let even = problem.identify.iter().map(Observation::with_even_noise);
     let identify: Vec<Observation> = even.collect();
     let space = search_space(problem, &identify, reference);

@@ -1,5 +1,5 @@
-//! Checks of a measurement set when it is uploaded. They only warn: a set that is too small to identify from may still serve to verify. The message
-//! then states what a verification would find.
+//! Checks of a measurement set when it is uploaded. They only warn: a set that is too small for an identification may be used for a
+//! verification. The message then states what a verification would find.
 
 pub mod alignment;
 pub mod rotations;
@@ -14,10 +14,10 @@ use crate::kinematics::rotation::within_half_a_turn;
 use crate::measurement::{Frame, MeasurementSet, Point, split};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// A joint that has moved by more than this has moved the target by more than an instrument resolves, rad (1°).
+/// A joint that moved by more than this moved the target by more than an instrument's resolution, rad (1°).
 const MOVED_RAD: f64 = 0.0175;
 
-/// Warnings for the uploader of a set. The set is stored in spite of them.
+/// Warnings for the uploader of a set. The set is stored despite them.
 pub fn warnings(robot: &Robot, set: &MeasurementSet) -> Vec<Warning> {
     let mut warnings = Vec::new();
     warnings.extend(too_small(robot, set));
@@ -79,7 +79,7 @@ fn too_small(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
 }
 
 fn duplicates(set: &MeasurementSet) -> Option<Warning> {
-    // rows repeat a pose if their label or their joint values agree; equal poses with different labels are repeats too
+    // A row repeats a pose if its label or its joint values agree. Equal joint values with different labels are repeats too.
     let (mut poses, mut values) = (BTreeSet::new(), BTreeSet::new());
     let mut is_new = |p: &Point| {
         let value: Vec<i64> = p.q_rad.iter().map(|q| (q * 1e5).round() as i64).collect();
@@ -107,8 +107,8 @@ fn duplicates(set: &MeasurementSet) -> Option<Warning> {
     })
 }
 
-/// Warning about rows with exactly the position of an earlier row although a joint has moved: an instrument that lost its target repeats what it
-/// last saw.
+/// Warning about rows with exactly the same position as an earlier row although a joint has moved. An instrument that lost its target
+/// repeats its last reading.
 fn stale_positions(set: &MeasurementSet) -> Option<Warning> {
     let mut seen: BTreeMap<(usize, [u64; 3]), usize> = BTreeMap::new();
     let mut rows = Vec::new();
@@ -154,7 +154,7 @@ fn narrow_cloud(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
 }
 
 fn outside_limits(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
-    // Limits and values both follow the controller's convention.
+    // Limits and values both use the controller's convention.
     let joint_outside = |point: &Point| {
         let mut joints = robot.joint_limits_rad.iter().zip(&point.q_rad);
         joints.position(|(limits, q)| limits.is_some_and(|(lo, hi)| *q < lo || *q > hi))

@@ -1,5 +1,5 @@
-//! Checks whether the rotations of poses were read in the right convention and belong to the positions of their rows. The nominal robot is placed by the
-//! positions, and the target is rotated for the best fit, for the stated convention and for all others.
+//! Checks whether the rotations of poses were read in the right convention and belong to the positions of their rows. The nominal robot is
+//! placed by the positions. The target is then rotated for the best fit, for the stated convention and for all others.
 
 use crate::calibration::upload_checks::alignment::{
     Alignment, align, base_rotation, links_with_fitted_zeros,
@@ -14,17 +14,18 @@ use std::collections::BTreeMap;
 
 /// Maximum number of poses that are used.
 const MAX_POSES: usize = 100;
-/// Minimum number of poses, if the positions determine the base or if they do not. In the first case the target alone is unknown, in the second case
-/// three poses would leave nine equations for six unknowns.
+/// Minimum number of poses, for a base that the positions determine and for one that they do not. In the first case only the target's
+/// rotation is unknown. In the second case there are six unknowns, and three poses would give only nine equations.
 const MIN_POSES: usize = 3;
 const MIN_WITHOUT_BASE: usize = 4;
-/// With the right convention and no joint far off, four of five poses fit to this angle, rad (1°).
+/// With the right convention and no joint far off, four of five poses fit within this angle, rad (1°).
 const FITS_RAD: f64 = std::f64::consts::PI / 180.0;
-/// A fifth of the poses is off by more than this only if the rotations are wrong, or if a joint is unmastered, rad (5°).
+/// If a fifth of the poses are off by more than this, the rotations are wrong or a joint is unmastered, rad (5°).
 pub const OFF_RAD: f64 = 5.0 * FITS_RAD;
-/// Four of five angles are below this many times a stated standard deviation of one component; by noise alone they are below 2.2 times.
+/// Four of five angles are below this multiple of a stated standard deviation of one component. From noise alone, they are below 2.2 times.
 const STATED_STDS: f64 = 4.0;
-/// Rotations that fit to this angle are read rightly, rad (0.02°): less is noise, or rounding where several conventions are the same rotation.
+/// Rotations that fit within this angle were read correctly, rad (0.02°). Smaller differences are noise, or rounding where several
+/// conventions give the same rotation.
 const NOISE_RAD: f64 = 0.02 * FITS_RAD;
 /// Another reading has to fit better by this factor.
 const MIN_IMPROVEMENT: f64 = 5.0;
@@ -34,7 +35,7 @@ const MIN_IMPROVEMENT: f64 = 5.0;
 pub struct Reading {
     /// Its name: a convention, or the operation on the rotations.
     pub name: String,
-    /// Angle between measured and predicted targets that four of five poses keep, rad.
+    /// 80th percentile of the angles between measured and predicted targets, rad.
     pub most_rad: f64,
 }
 
@@ -50,7 +51,7 @@ pub fn suspicion(robot: &Robot, set: &MeasurementSet) -> Option<String> {
         FITS_RAD.max(STATED_STDS * std_rad),
         OFF_RAD.max(STATED_STDS * std_rad),
     );
-    // where the target turns little, a wrong convention is off by little, too
+    // If the target rotates little, even a wrong convention is off by little.
     let another = in_another_reading(&placed, &poses, &stated, own_rad, std_rad);
     if own_rad <= fits_rad {
         return another;
@@ -69,7 +70,7 @@ pub fn suspicion(robot: &Robot, set: &MeasurementSet) -> Option<String> {
     if own_rad <= off_rad || placed.base.is_none() {
         return None;
     }
-    // an unmastered joint turns the flange, too
+    // An unmastered joint rotates the flange too.
     let with_zeros = Placed::with_fitted_zeros(robot, set, &poses);
     let fits = with_zeros.and_then(|placed| placed.most_rad(&poses, &stated));
     if fits.is_some_and(|most_rad| most_rad <= off_rad) {
@@ -91,7 +92,7 @@ pub fn suspicion(robot: &Robot, set: &MeasurementSet) -> Option<String> {
     ))
 }
 
-/// How a file's rotations would fit an identified robot far better than as they were read; `None` if they would not.
+/// Another reading of the file's rotations that fits an identified robot much better; `None` if there is none.
 pub fn better_reading(robot: &Robot, set: &MeasurementSet) -> Option<String> {
     let poses = poses(set, |p| p.rotation.is_some());
     let stated: Option<Vec<Rotation3<f64>>> = poses.iter().map(|p| p.rotation).collect();
@@ -108,7 +109,8 @@ fn off_by(own_rad: f64) -> String {
     )
 }
 
-/// The reading that fits far better than the rotations as they were `stated`, whose angle four of five poses keep is `own_rad`.
+/// The reading that fits much better than the rotations as they were `stated`. `own_rad` is the 80th percentile of the angles with the
+/// stated reading.
 fn in_another_reading(
     placed: &Placed<'_>,
     poses: &[&Point],
@@ -124,8 +126,8 @@ fn in_another_reading(
     let name = if are_angles || placed.base.is_some() {
         inverse.to_owned()
     } else {
-        // x, y, z, w read as w, x, y, z gives the inverse rotation between two fixed quarter turns, which an unknown base and the target absorb: the fit
-        // is the same
+        // Reading x, y, z, w as w, x, y, z gives the inverse rotation between two fixed quarter turns. An unknown base and an unknown
+        // target absorb these turns, so the fit is the same as for inverted rotations.
         format!("{inverse}, or as quaternions in the order x, y, z, w,")
     };
     let mut others = vec![(
@@ -137,7 +139,7 @@ fn in_another_reading(
     } else {
         let last_first = |r: &Rotation3<f64>| {
             let [x, y, z, w]: [f64; 4] = UnitQuaternion::from_rotation_matrix(r).coords.into();
-            // the file's four numbers were read as w, x, y, z
+            // The file's four numbers were read as w, x, y, z.
             UnitQuaternion::new_normalize(Quaternion::new(z, w, x, y)).to_rotation_matrix()
         };
         let name = "quaternions in the order x, y, z, w".to_owned();
@@ -154,7 +156,7 @@ fn in_another_reading(
     })
 }
 
-/// How well the inverted poses fit, if their positions place the base of the robot; rad.
+/// Fit of the inverted poses, if their positions determine the robot's base; 80th percentile, rad.
 fn fit_of_inverse_poses(robot: &Robot, set: &MeasurementSet) -> Option<f64> {
     let inverse = MeasurementSet {
         frame: Frame::Instrument,
@@ -176,13 +178,13 @@ pub fn best_convention(robot: &Robot, set: &MeasurementSet) -> Option<Reading> {
     best(&placed, &poses, by_conventions(&poses))
 }
 
-/// The robot as the positions place it.
+/// The robot, placed by the positions.
 struct Placed<'a> {
     robot: &'a Robot,
     links: Vec<Link>,
     /// Rotation of the base in the measuring frame; `None` if the positions do not determine it.
     base: Option<Rotation3<f64>>,
-    /// Sign with which the controller's value of the last joint counts.
+    /// Sign of the controller's value of the last joint.
     last_sign: f64,
 }
 
@@ -211,7 +213,8 @@ impl<'a> Placed<'a> {
         }
     }
 
-    /// The last joint counted the other way round. Only rotations show it if the target is on the last axis, and then the positions place the base alike.
+    /// The robot with the last joint reversed. If the target is on the last axis, only rotations show this, and the positions give the same
+    /// base.
     fn with_last_joint_reversed(robot: &'a Robot, set: &MeasurementSet, poses: &[&Point]) -> Self {
         Self {
             last_sign: -1.0,
@@ -219,7 +222,7 @@ impl<'a> Placed<'a> {
         }
     }
 
-    /// Angle that four of five poses keep after the target, and the base if it is unknown, is rotated for the best fit, rad.
+    /// 80th percentile of the angles after rotating the target, and the base if it is unknown, for the best fit; rad.
     fn most_rad(&self, poses: &[&Point], rotations: &[Rotation3<f64>]) -> Option<f64> {
         let fewest = match self.base {
             Some(_) => MIN_POSES,

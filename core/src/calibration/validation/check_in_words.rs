@@ -1,9 +1,9 @@
-//! A quick check in words: the reason for its verdict, and what to measure next, with numbers of poses.
+//! Text about a quick check: the reason for its verdict, and advice what to measure next, with numbers of poses.
 
 use crate::calibration::method::{After, CheckVerdict};
 use crate::calibration::quick_check::{DetectableChange, FEW_CAUSES, LikeliestCause};
 
-/// Four equations per identified number, with three equations per pose. Numbers of poses are multiples of five, and at least ten.
+/// Equations required per identified parameter. A pose gives three equations. Numbers of poses are multiples of five, and at least ten.
 const EQUATIONS_PER_NUMBER: usize = 4;
 const STEP: usize = 5;
 const MIN_POSES: usize = 10;
@@ -15,7 +15,7 @@ const TARGET: usize = 3;
 /// Number of parameters of a link.
 const LINK: usize = 5;
 
-/// Doubt if nothing else stands against the set.
+/// The doubt that is stated if nothing else speaks against the set.
 pub const ZERO_HIDDEN: &str = "the zero of a joint may have changed that these poses do not show";
 
 /// What a check found.
@@ -24,13 +24,13 @@ pub struct Found<'a> {
     pub verdict: CheckVerdict,
     /// What happened to the robot before the check.
     pub after: Option<After>,
-    /// Why there is no test, if there is none.
+    /// The reason why there is no test.
     pub tested: Result<(), &'a str>,
-    /// Probability that an unchanged robot gives as large errors, if there is a test.
+    /// Probability that an unchanged robot has errors as large as these, if there is a test.
     pub probability: Option<f64>,
     /// Why points that fit the set do not prove that it holds.
     pub doubt: Option<&'static str>,
-    /// True if the points miss the set by far.
+    /// True if the set is far off at the points.
     pub is_far: bool,
     /// Error of the set on the points, rms, mm.
     pub rms_mm: f64,
@@ -38,21 +38,21 @@ pub struct Found<'a> {
     pub verified_rms_mm: Option<f64>,
     /// Likely causes, the likeliest first.
     pub likeliest: &'a [LikeliestCause],
-    /// Changes that matter and that the poses might have missed.
+    /// Relevant changes that the poses might not detect.
     pub blind: &'a [&'a DetectableChange],
-    /// Joints whose zeros these poses do not show.
+    /// Joints whose zeros do not show in these poses.
     pub hidden: &'a [&'a DetectableChange],
-    /// Largest tool error that the poses may have missed, relative to the error that matters; 1 or more if they are blind.
+    /// Largest tool error that the poses may miss, relative to the error that matters. If it is 1 or more, the poses cannot decide.
     pub times_blind: f64,
     /// Configurations that were measured.
     pub n_configurations: usize,
-    /// The configuration that has most of the statistic, if one stands out.
+    /// The configuration that contributes most to the statistic, if one stands out.
     pub largest_configuration: Option<&'a str>,
     /// Number of links.
     pub n_links: usize,
     /// Number of targets.
     pub n_targets: usize,
-    /// True if base and targets were placed anew.
+    /// True if base and targets were fitted anew.
     pub is_placed_anew: bool,
     /// True if the points repeat an earlier upload.
     pub is_repeat: bool,
@@ -219,7 +219,7 @@ fn cannot_tell(found: &Found<'_>) -> String {
             full(found)
         );
     }
-    // the detectable change falls with the square root of the number of poses
+    // The detectable change decreases with the square root of the number of poses.
     let times = found.times_blind.max(1.0);
     let n = (found.n_configurations as f64 * times * times).ceil() as usize;
     let n = n.max(found.n_configurations + 1).div_ceil(STEP) * STEP;

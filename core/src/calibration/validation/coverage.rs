@@ -9,7 +9,8 @@ use crate::measurement::MeasurementSet;
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
 
-/// A joint that moves less than this over the whole set hardly separates its link from the neighbouring links, rad (20°).
+/// A joint that moves less than this over the whole set hardly separates the parameters of its link from those of the neighbouring links,
+/// rad (20°).
 const SMALL_JOINT_RANGE_RAD: f64 = 0.349;
 /// Points with a smaller spread than this do not show the workspace: rms distance from their centre, as a share of the arm's reach.
 const SMALL_SPREAD_PER_REACH: f64 = 0.1;
@@ -27,8 +28,8 @@ pub fn still_joints(set: &MeasurementSet) -> Vec<(usize, f64)> {
         .collect()
 }
 
-/// If the points have a small spread: their rms distance from the centre of their station's points and the arm's reach, both in mm. Each station has
-/// a frame of its own, so the distance between the points of two stations shows nothing of the robot.
+/// The rms distance of the points from the centre of their station's points, and the arm's reach, both in mm; `None` unless the spread is
+/// small. Each station has its own frame, so distances between points of two stations show nothing about the robot.
 pub fn narrow_cloud_mm(robot: &Robot, set: &MeasurementSet) -> Option<(f64, f64)> {
     let lengths = robot
         .links
@@ -49,9 +50,9 @@ pub fn narrow_cloud_mm(robot: &Robot, set: &MeasurementSet) -> Option<(f64, f64)
     (spread_mm < SMALL_SPREAD_PER_REACH * reach_mm).then_some((spread_mm, reach_mm))
 }
 
-/// Why a session is no evidence: its points have a small spread, a joint other than the last one hardly moves, or a joint's zero is taken up by base
-/// and targets. A changed robot fits such points as well as an unchanged one. `placed` is the robot whose base and targets were placed on these points,
-/// if they were.
+/// Reason why a session is no evidence: its points have a small spread, a joint other than the last one hardly moves, or base and targets
+/// absorb a joint's zero. A changed robot fits such points as well as an unchanged one. `placed` is the robot whose base and targets were
+/// fitted to these points, if they were.
 pub fn shows_little(
     robot: &Robot,
     set: &MeasurementSet,

@@ -1,5 +1,5 @@
-//! Whether points are enough to verify on, before anything is fitted: what they can be used for, and how many numbers of base and targets are fitted to
-//! them.
+//! Checks, before any fit, whether there are enough points for a verification: what the points can be used for, and how many parameters of
+//! base and targets are fitted to them.
 
 use crate::calibration::preparation::arrangement::MIN_OF_SETUP;
 use crate::calibration::preparation::equations::n_equations;
@@ -18,14 +18,14 @@ use crate::measurement::set::n_shared_points;
 use crate::measurement::{Frame, MeasurementSet};
 use nalgebra::IsometryMatrix3;
 
-/// If p numbers are refitted to m equations, the refit leaves the share 1 − p/m of the squared error visible, on average. A set is refused if this
-/// share is below one third: with as many equations as numbers, every robot fits. For positions of one target, nine numbers are refitted, so that
-/// five points (15 equations) are enough.
+/// Minimum share of the squared error that stays visible. If p parameters are fitted to m equations, the share 1 − p/m remains on average.
+/// Below one third a set is refused; with as many equations as parameters, every robot fits. For positions of one target, nine parameters
+/// are fitted, so five points (15 equations) are enough.
 const MIN_SHARE_SEEN: (usize, usize) = (1, 3);
-/// At most one in this many points of a verification set may be identical, bit for bit, to a point that is identified from. A pose that was measured
-/// twice may repeat by chance; a file that was uploaded twice repeats in every row.
+/// At most one in this many points of a verification set may be identical, bit for bit, to an identified point. A pose that was measured
+/// twice may repeat by chance. In a file that was uploaded twice, every row repeats.
 const MAX_SHARED: usize = 10;
-/// Below this number of residuals per refitted number, the refit hides a large part of the error.
+/// Below this number of residuals per fitted parameter, the fit hides a large part of the error.
 const FEW_RESIDUALS: usize = 3;
 
 /// The checks of [`verify`](crate::calibration::validation::verify::verify) that need no fit.
@@ -61,14 +61,14 @@ pub enum Serves {
     Nothing(String),
 }
 
-/// What the request's set can be used for. `refit`: base and targets are placed anew instead of taken as they are.
+/// What the request's set can be used for. `refit`: base and targets are fitted to it instead of taken from the parameter set.
 pub fn serves(request: &CalibrationRequest, refit: bool) -> Serves {
     let set = &request.set;
     let points = observe_to_verify(request).all;
     if let Err(error) = check_enough(&points, set, refit) {
         return Serves::Nothing(error.to_string());
     }
-    // a placement on all stations at once would place the reflector wrongly
+    // A single placement for all stations would place the reflector wrongly.
     let is_placed = refit && n_stations(set) == 1;
     let nominal =
         is_placed.then(|| fit_base_and_targets(&request.robot.links, &points, set.n_targets()));
@@ -185,7 +185,7 @@ pub fn base_is_known(request: &CalibrationRequest, identified: &KinematicModel) 
             || identified.t_instrument_base == IsometryMatrix3::identity())
 }
 
-/// True if base and targets are placed anew for the request's points, even without steps.
+/// True if base and targets are fitted anew to the request's points, even without steps.
 pub fn is_placed_anew(request: &CalibrationRequest, identified: Option<&KinematicModel>) -> bool {
     n_refitted(request, identified) > 0
 }
@@ -194,7 +194,7 @@ pub fn is_placed_anew(request: &CalibrationRequest, identified: Option<&Kinemati
 pub fn n_refitted(request: &CalibrationRequest, identified: Option<&KinematicModel>) -> usize {
     let n_targets = request.set.n_targets();
     let is_placed = match identified {
-        // the numbering of targets is only known for the identified ones
+        // The numbering of targets is known only for the identified targets.
         Some(model) => {
             let is_turned = !request.set.has_poses() || !model.target_rotations.is_empty();
             base_is_known(request, model) && n_targets <= model.targets_mm.len() && is_turned

@@ -73,7 +73,7 @@ fn angles_rad(
     observations.iter().map(angle).collect()
 }
 
-/// `None` if no pose was measured.
+/// Rotation errors of the points' poses; `None` if no pose was measured.
 fn rotations_of_points(points: &[&PointErrors]) -> Option<RotationErrorsOfBoth> {
     let statistics = |which: usize| {
         let angles = points.iter().filter_map(|point| point.rotation_rad);

@@ -15,7 +15,7 @@ pub enum Fit {
 }
 
 impl Fit {
-    /// The fit of a session in which the set is far off at a run of configurations (`has_run`).
+    /// The fit, if the set is far off at a run of successive configurations (`has_run`).
     pub fn with_run(self, has_run: bool) -> Self {
         match self {
             Self::Fits if has_run => Self::SetFarOff,

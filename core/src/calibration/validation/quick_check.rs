@@ -1,5 +1,5 @@
-//! `kind: "check"`: whether the released set still holds, from a few poses. The points are scored as in a verification. In addition, one test
-//! compares them with the errors expected from the set's own estimate, and the smallest detectable changes are computed.
+//! `kind: "check"`: whether the released set is still valid, from a few poses. The points are scored as in a verification. In addition, one
+//! test compares their errors with those expected from the set's own estimate, and the smallest detectable changes are computed.
 
 use crate::calibration::method::{After, CheckVerdict};
 use crate::calibration::preparation::observe::observe_to_verify;
@@ -106,7 +106,7 @@ pub fn check_released(
 ) -> Result<CalibrationReport, Error> {
     check_quick_check(request, &released.robot.plain)?;
     let mut report = verify(request, Some(released.robot), monitor)?;
-    // the test below compares these few points with what the set lets expect; a fit to them alone leaves too few equations
+    // The test below compares these few points with the errors that the set predicts. A fit to them alone would leave too few equations.
     report.warnings.retain(|w| w.code != MISSES_SESSION);
     let found = judged(request, released, &report);
     let code = match found.verdict {
@@ -132,7 +132,7 @@ struct Points {
 /// The positions, with targets numbered as in the model. `None` if the stored estimate does not belong to the released set.
 fn points(request: &CalibrationRequest, plain: &KinematicModel, kept: &Estimate) -> Option<Points> {
     let observed = observe_to_verify(request).all;
-    // a carried camera measures where it sees the board: that takes the rotation
+    // A camera on the robot measures the position of the board in the camera's frame; this depends on the rotation.
     let counting = |o: Observation| match o.coupling() {
         Some(_) => o,
         None => o.position_alone(),
@@ -159,7 +159,7 @@ fn points(request: &CalibrationRequest, plain: &KinematicModel, kept: &Estimate)
         });
     }
     for observation in &mut observations {
-        // the model has one target per segment for targets that moved during the measurement
+        // The model has one target per segment of a target that moved during the measurement.
         let own = plain.targets_mm.get(observation.target)?;
         let mut kept = kept.model.targets_mm.iter();
         observation.target = kept.position(|target| (target - own).norm() <= nearest)?;
@@ -218,7 +218,7 @@ fn judged(
     let limit_mm =
         verified_rms_mm.map(|verified| least_worth_a_word_mm(verified, &request.robot.links));
     let times = |change: &DetectableChange| Some(change.tool_mm? / limit_mm?);
-    // a zero that these poses do not show at all, although other poses would
+    // A zero that is invisible in these poses although other poses would show it.
     let last = request.robot.links.len().saturating_sub(1);
     let is_missed = |joint: usize| {
         let never = is_placed_anew && (joint == 0 || joint == last);
@@ -237,14 +237,14 @@ fn judged(
     let places = || detectable.iter().enumerate();
     let blind: Vec<_> = places().filter(is_blind).map(|(_, c)| c).collect();
     let hidden: Vec<_> = places().filter(is_hidden).map(|(_, c)| c).collect();
-    // mastering and an exchange of a motor change zeros: nothing holds as long as one of them cannot be seen
+    // Mastering and the exchange of a motor change zeros. The set cannot be confirmed if one of these zeros is invisible.
     let changes_zeros = matches!(released.after, Some(After::Mastering | After::Motor));
     let is_far = has(DOES_NOT_FIT) || has(SET_FAR_OFF);
     let is_alarm = |p: f64| p.partial_cmp(&LEVEL).is_none_or(Ordering::is_lt);
     let alarms = checked.is_some_and(|checked| is_alarm(checked.probability));
     let is_worse = verified_rms_mm
         .is_some_and(|verified| times_worse(rms_mm, verified, &request.robot.links).is_some());
-    // reasons why points that fit the set do not prove that it holds, the gravest first
+    // Reasons why points that fit the set do not prove that it is valid; the most serious one first.
     let doubts = [
         (
             !released.is_measured_anew,

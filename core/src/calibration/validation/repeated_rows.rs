@@ -1,24 +1,26 @@
-//! Finds rows of an upload that only repeat an earlier upload and so are no new measurement: a file that is uploaded again, rounded, transformed to
-//! another frame, or with a little noise added.
+//! Finds rows of an upload that only repeat an earlier upload and so are no new measurement: a file that was uploaded again, possibly
+//! rounded, transformed to another frame, or with a little noise added.
 //!
-//! Rows that repeat an earlier row's pose count as a new measurement only if the noise shows it. A rigid motion is removed first. It is no evidence
-//! of a new measurement, because a file is easily transformed.
+//! Rows that repeat an earlier row's pose count as a new measurement only if their noise shows it. A rigid motion is removed first. It is
+//! no evidence of a new measurement, because a file is easily transformed.
 //! - Noise of the joint readings: a robot that returns to a pose reads joint values that differ by a few thousandths of a degree, and its positions
 //!   follow these readings. Noise that is added to a file does not follow them.
 //! - Noise of the positions: a point that was off by chance is nearer the next time. The change between two measurements is thus negatively
 //!   correlated with the residuals of the first and positively with those of the second. Noise that is added to a copy is not correlated with the
 //!   residuals of the original, and a copy that is only transformed has no noise.
 //!
-//! Another scale of all positions is removed as well: a file is easily converted to another temperature. So are a constant displacement of each
-//! reflector in the flange frame, because somebody may have mounted it again, and a constant offset of all
-//! values of the first or the last joint: it only rotates the base or the reflector, which are placed anew.
+//! Other things are removed too, because they are no evidence of a new measurement: another scale of all positions (a file is easily
+//! converted to another temperature); a constant displacement of each reflector in the flange frame (it may have been mounted again); and a
+//! constant offset of all values of the first or the last joint (it is equivalent to a rotation of the base or the reflector, which are
+//! fitted anew).
 //!
-//! Positions that differ by much more than both files scatter are no copy either: the robot has changed in between.
+//! Positions that differ by much more than the scatter of both files are no copy either: the robot has changed in between.
 //!
-//! Rows may also come from several visits: a pose is measured twice in one upload, or two uploads are joined in one file. Each row is therefore compared
-//! with every earlier visit of its pose, too. Measurements differ by their noise; a row that agrees with one of them ten times better is that row.
+//! Rows may come from several visits: a pose is measured twice in one upload, or two uploads are joined in one file. Each row is therefore
+//! compared with every earlier visit of its pose. Two measurements differ by their noise. A row that agrees with an earlier row ten times
+//! better is a copy of it.
 //!
-//! If nothing of this shows, a new measurement cannot be told from a copy, and the rows count as repeated.
+//! If there is no sign of new noise, a new measurement cannot be distinguished from a copy, and the rows count as repeated.
 
 use crate::calibration::validation::same_poses::{
     Pair, PlacedRows, constant_offset, n_of_placement, observations, position,
@@ -34,42 +36,47 @@ use std::borrow::Cow;
 use std::cell::OnceCell;
 use std::collections::BTreeSet;
 
-/// Joint readings that differ by less than this are the same reading, copied, rad.
+/// Joint readings that differ by less than this are copies of one reading, rad.
 const SAME_READING_RAD: f64 = 1e-9;
 /// A session that repeats more than this share of its rows is not a new measurement. A smaller share is allowed, because a home pose may recur.
 const MAX_REPEATED: f64 = 0.1;
 /// Minimum number of repeated rows for judging noise.
 const MIN_ROWS: usize = 10;
-/// Earlier uploads whose positions differ by up to this multiple of the smallest difference are tested by the noise of the positions, because the
-/// robot is fitted to each of them. If one of them is repeated, all others are tested as well.
+/// Uploads are selected for the test of position noise: the one with the smallest difference of positions, and those whose difference is at
+/// most this multiple of it. The selection limits the time, because the robot is fitted to each. If one of them is repeated, all others are
+/// tested as well.
 const MAX_DIFFERENCE_RATIO: f64 = 1.2;
-/// And a difference as of rounded numbers, as a share of the reach: 0.01 mm of 2 m.
+/// Added to this limit, so that differences from rounding do not exceed it; as a share of the reach: 0.01 mm of 2 m.
 const ROUNDED_PER_REACH: f64 = 5e-6;
-/// Maximum number of earlier uploads that are tested so. Of a copy, the others count as repeated.
+/// Maximum number of earlier uploads that are tested for position noise. If the upload is a copy, the others count as repeated.
 const MAX_TESTED: usize = 50;
 /// Positions follow the readings if the slope of their regression is at least this (1 for noise-free readings).
 const FOLLOWS: f64 = 0.5;
-/// Positions that differ by more than this multiple of the residuals of both fits were measured anew: the robot has changed. A fit of 30 parameters
-/// to 36 equations leaves 0.4 of the noise.
+/// If the positions differ by more than this multiple of the residuals of both fits, they were measured anew: the robot has changed. The
+/// multiple allows for small residuals: a fit of 30 parameters to 36 equations leaves 0.4 of the noise.
 const MEASURED_ANEW_RATIO: f64 = 6.0;
-/// A significant slope differs from zero by this number of standard errors: by chance once in some millions.
+/// A slope is significant if it differs from zero by this number of standard errors: by chance once in some millions.
 const SIGNIFICANT: f64 = 5.0;
-/// A row is a copy of an earlier row if both differ by less than this share of what measurements of one pose differ by (the upper quartile). By
-/// chance, three coordinates are that near in two of a thousand rows.
+/// A row is a copy of an earlier row if they differ by less than this share of the typical difference between measurements of one pose (the
+/// upper quartile). By chance, three coordinates are that close in two of a thousand rows.
 const COPIED: f64 = 0.1;
-/// Positions may be rounded to at most this many times that length: of coarser numbers, those of two measurements may be equal.
+/// Copies are looked for only if the rounding step of the positions is at most this multiple of the copy threshold. With coarser steps, two
+/// measurements may give equal numbers.
 const STEPS_PER_COPIED: f64 = 1.5;
-/// Differences of one pose (the upper quartile) over the errors of a fit to one visit (the median): √2 · 2.03/1.54, three normal coordinates.
+/// Ratio of two lengths: the difference between measurements of one pose (upper quartile), and the error of a fit to one visit (median). √2
+/// · 2.03/1.54 for three normal coordinates.
 const DIFFERENCE_PER_ERROR: f64 = 1.86;
-/// The placement is found anew in so many rounds, each time from one in three rows, those that agree best: three files may have been joined.
+/// Number of rounds in which the placement is found again, each time from the third of the rows that agree best. A third, because three
+/// files may have been joined.
 const ALIGNED_ROUNDS: usize = 8;
 const ALIGNED_SHARE: usize = 3;
-/// Rows for each value of the placement, at least: with fewer, those that agree best may agree by chance.
+/// Minimum number of rows per parameter of the placement. With fewer, the best-agreeing rows may agree by chance.
 const ROWS_PER_PLACEMENT: usize = 3;
-/// A row is clipped to this multiple of the median. A single outlier that was measured again does not prove that all rows were.
+/// Vectors are clipped to this multiple of the median length. Otherwise a single outlier that was measured again would prove that all rows
+/// were.
 const CLIPPED: f64 = 3.0;
 
-/// The rows of an upload that repeat each of several earlier uploads, where nothing shows that they were measured anew.
+/// The rows of an upload that repeat each of several earlier uploads and show no sign of a new measurement.
 #[derive(Clone, Debug)]
 pub struct RepeatedRows {
     /// The rows that repeat one earlier upload, for each of them.
@@ -79,7 +86,7 @@ pub struct RepeatedRows {
 }
 
 impl RepeatedRows {
-    /// Compares `later` with each earlier upload. Itself must not be among them.
+    /// Compares `later` with each earlier upload. `later` must not be among them.
     pub fn find<'a>(
         robot: &Robot,
         earlier: impl IntoIterator<Item = &'a MeasurementSet>,
@@ -92,7 +99,7 @@ impl RepeatedRows {
             of_earlier.push(BTreeSet::new());
             alike.extend(later.alike(set).into_iter().map(|alike| (index, alike)));
         }
-        // more uploads with the same poses are nearer by chance
+        // With more uploads of the same poses, a row is near one of them by chance more often.
         let copied: Vec<(usize, Vec<usize>)> = alike
             .iter()
             .map(|(index, found)| (*index, later.copied_rows(&found.visits, alike.len())))
@@ -100,7 +107,7 @@ impl RepeatedRows {
         for (index, rows) in copied {
             of_earlier[index].extend(rows);
         }
-        // of a copy, the original is the nearest: a new measurement differs by its own noise as well
+        // A copy is nearest to its original, because a new measurement also differs by its own noise.
         alike.sort_by(|a, b| a.1.median_mm.total_cmp(&b.1.median_mm));
         let is_testable = |alike: &Alike<'_>| alike.pairs.len() >= MIN_ROWS;
         let mut testable = alike.iter().filter(|(_, alike)| is_testable(alike));
@@ -112,7 +119,7 @@ impl RepeatedRows {
             let is_new = is_testable(alike) && {
                 let is_tested = alike.median_mm <= near_mm || is_copy;
                 n_tested += usize::from(is_tested);
-                // of a copy, every older upload may be the original
+                // For a copy, every older upload may be the original.
                 let is_tested = is_tested && n_tested <= MAX_TESTED;
                 match is_tested {
                     true => later.noise_is_new(alike),
@@ -163,7 +170,7 @@ pub fn is_anew(robot: &Robot, earlier: &MeasurementSet, later: &MeasurementSet) 
     !repeats(robot, std::slice::from_ref(earlier), later)
 }
 
-/// The upload that is compared with earlier ones, and what of it does not depend on them.
+/// The upload that is compared with earlier ones, with results that do not depend on these.
 struct Later<'a> {
     robot: &'a Robot,
     set: &'a MeasurementSet,
@@ -175,14 +182,14 @@ struct Later<'a> {
 
 /// The rows of the later upload with the pose of a row of an earlier one.
 struct Alike<'a> {
-    /// The earlier upload, with an offset of its joint values if there is one.
+    /// The earlier upload, corrected for an offset of its joint values if there is one.
     earlier: Cow<'a, MeasurementSet>,
     pairs: Vec<Pair>,
-    /// Every earlier visit of the pose of each row, with the displacement without placement.
+    /// For each row, every earlier visit of its pose, with the displacement before placement is removed.
     visits: Vec<Pair>,
     /// Rotation from the earlier frame to the later one.
     r_later_earlier: Rotation3<f64>,
-    /// Median of the differences of position, without the rigid motion.
+    /// Median of the differences of position, after removing the rigid motion.
     median_mm: f64,
 }
 
@@ -196,8 +203,8 @@ impl<'a> Later<'a> {
         }
     }
 
-    /// The rows with the pose of a row of `earlier`, except those whose readings show that they were measured anew; once as they are, and once with a
-    /// constant offset of the first and the last joint, if there is one.
+    /// The rows with the pose of a row of `earlier`, without those whose readings show that they were measured anew. If there is a constant
+    /// offset of the first and the last joint, the comparison is made once without and once with it.
     fn alike<'b>(&self, earlier: &'b MeasurementSet) -> Vec<Alike<'b>> {
         let Some(placed) = &self.placed else {
             return Vec::new();
@@ -239,7 +246,8 @@ impl<'a> Later<'a> {
         }
     }
 
-    /// Sets the differences of position, without a rigid motion and the placement. The result is the rotation from the earlier frame to the later one.
+    /// Removes the rigid motion and the placement from the differences of position. Returns the rotation from the earlier frame to the
+    /// later one.
     fn remove_motion(
         &self,
         placed: &PlacedRows,
@@ -259,7 +267,7 @@ impl<'a> Later<'a> {
         t_later_earlier.rotation
     }
 
-    /// The rows that are copies of one of these earlier visits of their poses. `n_uploads` have such visits.
+    /// The rows that are copies of one of these earlier visits of their poses. `n_uploads` is the number of uploads with such visits.
     fn copied_rows(&self, visits: &[Pair], n_uploads: usize) -> Vec<usize> {
         let points = &self.set.points;
         let Some(placed) = &self.placed else {
@@ -274,7 +282,7 @@ impl<'a> Later<'a> {
         let mut lengths: Vec<f64> = visits.iter().map(length_mm).collect();
         lengths.sort_by(f64::total_cmp);
         let typical_mm = lengths[3 * lengths.len() / 4];
-        // copies agree exactly only where no other row brings its noise into the placement
+        // Copies agree exactly only if the placement is computed from copies alone: any other row adds its noise to it.
         for _ in 0..ALIGNED_ROUNDS {
             near.sort_by(|a, b| length_mm(a).total_cmp(&length_mm(b)));
             let mut seen = BTreeSet::new();
@@ -295,7 +303,7 @@ impl<'a> Later<'a> {
         if rows.is_empty() {
             return rows;
         }
-        // a robot that has changed differs by more than its noise
+        // A robot that has changed causes larger differences than the noise.
         let error_mm = self.fitted().and_then(|model| {
             let residual =
                 |p: &Point| p.position_mm - position(self.robot, model, &p.q_rad, p.target);
@@ -314,7 +322,7 @@ impl<'a> Later<'a> {
         self.fitted.get_or_init(fitted).as_ref()
     }
 
-    /// True if the changes are correlated with the residuals of both measurements as new noise requires.
+    /// True if the differences are correlated with the residuals of both measurements as expected for new noise.
     fn noise_is_new(&self, alike: &Alike<'_>) -> bool {
         let robot = self.robot;
         let fitted = |set| fitted_as_well_as_can_be(&robot.links, &observations(robot, set));
@@ -335,7 +343,7 @@ impl<'a> Later<'a> {
             slope <= -SIGNIFICANT * standard_error
         };
         let after = of_pairs(&|pair| residual(after, &self.set.points[pair.row]));
-        // noise that was added to a copy is among the residuals of one of the fits
+        // Noise that was added to a copy is part of the residuals of one of the fits.
         let exceeds = |residuals: &[Vector3<f64>]| {
             alike.median_mm
                 > MEASURED_ANEW_RATIO * median(residuals.iter().map(Vector3::norm)).unwrap_or(0.0)
@@ -357,7 +365,7 @@ impl<'a> Later<'a> {
     }
 }
 
-/// The step that the positions are rounded to, mm: the largest power of ten, up to 1 mm, that all are multiples of. 0 below 1 nm.
+/// Rounding step of the positions, mm: the largest power of ten, up to 1 mm, of which all are multiples. 0 below 1 nm.
 fn rounding_mm(set: &MeasurementSet) -> f64 {
     let is_multiple = |step_mm: f64| {
         let mut all = set.points.iter().flat_map(|p| p.position_mm.iter());

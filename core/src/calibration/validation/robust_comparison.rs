@@ -1,17 +1,18 @@
 //! Compares two robots on the same points: which one is closer, without the influence of faulty measurements.
 //!
-//! A point that is off by centimetres is off for every robot, and by chance slightly more for one of them. In the rms it would outweigh all other
-//! points. Points that both robots miss by far are therefore left out. A point that only one robot misses counts.
+//! A point that is off by centimetres is off for every robot, and by chance slightly more for one of them. In the rms it would outweigh all
+//! other points. Points that both robots miss by far are therefore left out. A point that only one robot misses counts.
 
 use crate::solvers::median::median;
 
 /// A point is an outlier if each robot misses it by more than this multiple of that robot's median error. For isotropic noise this is one point in
 /// ten thousand.
 const OUTLYING: f64 = 3.0;
-/// Lower limit of the outlier threshold, as a share of the first robot's median error: the second robot may match half of the points by chance, or in
-/// a simulation.
+/// Lower limit of the outlier threshold, as a share of the first robot's median error. It is needed because the second robot may match half
+/// of the points by chance, or exactly in a simulation.
 const MIN_OUTLIER_SHARE: f64 = 0.25;
-/// At most one point in this many (and one of fewer points) may be set aside. More outliers are no accident, and then all points count.
+/// At most one point in this many (and at most one if there are fewer points) may be set aside. If there are more outliers, they are not
+/// accidental, and all points count.
 const POINTS_PER_OUTLIER: usize = 20;
 /// With fewer points, none is set aside.
 const MIN_POINTS: usize = 10;
@@ -28,7 +29,7 @@ pub struct RobustComparison {
 }
 
 impl RobustComparison {
-    /// True if the second robot is closer; false if this cannot be told.
+    /// True if the second robot is closer; false if it cannot be decided.
     pub fn is_better(&self) -> bool {
         self.after_rms_mm < self.before_rms_mm
     }
@@ -89,7 +90,7 @@ fn set_aside(points: &[[f64; 3]]) -> Vec<bool> {
     let medians_mm =
         [0, 1, 2].map(|of| median(points.iter().map(|point| point[of])).unwrap_or(f64::INFINITY));
     let limits_mm = medians_mm.map(|mm| (OUTLYING * mm).max(MIN_OUTLIER_SHARE * medians_mm[0]));
-    // a faulty measurement is equally wrong for both robots; a point at which their own errors differ counts
+    // A faulty measurement is equally wrong for both robots. A point at which their errors differ counts.
     let alike_mm = limits_mm.into_iter().fold(0.0, f64::max);
     let is_outlier = |point: &[f64; 3]| {
         let is_far = point.iter().zip(limits_mm).all(|(mm, limit)| *mm > limit);

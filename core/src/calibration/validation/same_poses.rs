@@ -1,5 +1,5 @@
-//! The rows of an upload that have the pose of a row of an earlier upload, and how their positions differ: without the placement of instrument and
-//! reflector, which is another one in each session.
+//! Pairs the rows of an upload with the rows of an earlier upload that have the same pose, and compares their positions. The placement of
+//! instrument and reflector is removed, because it differs between sessions.
 
 use crate::identification::KinematicModel;
 use crate::identification::least_squares::start::align_in_closed_form;
@@ -9,8 +9,8 @@ use crate::kinematics::{Robot, reach_mm, t_base_flange};
 use crate::measurement::{Frame, MeasurementSet, Point};
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix3xX, Vector3};
 
-/// Joint values that differ by less than this in every joint are the same pose, rad (0.02°): controllers return to a pose and read it to 0.01°. A
-/// joint near the reflector may differ by more, as long as it moves the reflector no further than this angle turns the whole arm.
+/// Two poses are the same if the values of every joint differ by less than this, rad (0.02°): controllers return to a pose and read it to
+/// 0.01°. A joint near the reflector may differ by more, as long as it moves the reflector no further than this angle at full reach would.
 const SAME_POSE_RAD: f64 = 3.5e-4;
 /// Maximum number of rows for finding a constant offset of a joint, evenly from the whole set. Each is compared with every earlier row.
 const COMPARED_ROWS: usize = 100;
@@ -29,7 +29,6 @@ pub struct PlacedRows {
     rows: Vec<PlacedRow>,
 }
 
-/// A row of the placed robot.
 struct PlacedRow {
     /// The reflector's position, mm.
     here_mm: Vector3<f64>,
@@ -80,7 +79,7 @@ impl PlacedRows {
             let is_known = p.target < model.targets_mm.len();
             is_known.then(|| (position(robot, model, &p.q_rad, p.target).x, row))
         };
-        // sorted by the reflector's x coordinate: joint values within the tolerance of one pose move it by a bounded distance
+        // Sorted by the reflector's x coordinate, because joint values within the tolerance of one pose move it by a limited distance.
         let mut known: Vec<(f64, usize)> =
             earlier.points.iter().enumerate().filter_map(x_mm).collect();
         known.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -116,14 +115,14 @@ impl PlacedRows {
         pairs
     }
 
-    /// Removes from the differences of position what a small motion of the instrument, another scale (positions converted to another temperature) and a
-    /// reflector that was mounted again explain, in the sense of least squares: difference = shift + rotation × position + scale · position + R_flange · δ,
-    /// with δ of each target in the flange frame.
+    /// Removes from the differences of position, by least squares, what these causes explain: a small motion of the instrument, another
+    /// scale (positions converted to another temperature), and a reflector that was mounted again. The model is difference = shift +
+    /// rotation × position + scale · position + R_flange · δ, with δ of each target in the flange frame.
     pub fn remove_placement(&self, pairs: &mut [Pair], points: &[Point]) {
         self.remove_placement_of(pairs, pairs.len(), points);
     }
 
-    /// The same, with the placement that explains the first `n_placed` pairs.
+    /// As [`PlacedRows::remove_placement`], but the placement is fitted to the first `n_placed` pairs only.
     pub fn remove_placement_of(&self, pairs: &mut [Pair], n_placed: usize, points: &[Point]) {
         let rows = &self.rows;
         let n = n_of_placement(pairs, points);
@@ -149,7 +148,7 @@ impl PlacedRows {
             normal += effects.tr_mul(&effects);
             right += effects.tr_mul(&pair.difference_mm);
         }
-        // a direction that the poses do not show stays as it is
+        // A direction that the poses do not determine is left unchanged.
         let largest = normal.diagonal().max();
         let Ok(found) = normal.svd(true, true).solve(&right, ROUNDING * largest) else {
             return;
@@ -161,14 +160,14 @@ impl PlacedRows {
     }
 }
 
-/// Number of values of [`PlacedRows::remove_placement`].
+/// Number of parameters of [`PlacedRows::remove_placement`].
 pub fn n_of_placement(pairs: &[Pair], points: &[Point]) -> usize {
     let n_targets = pairs.iter().map(|pair| points[pair.row].target + 1).max();
     7 + 3 * n_targets.unwrap_or(0)
 }
 
-/// Constant offsets of the first and the last joint in all rows. They rotate the base and the reflector, which are placed anew, so that a copy with
-/// such offsets fits as well as the original file.
+/// Constant offsets of the first and the last joint in all rows. They are equivalent to rotations of base and reflector, which are fitted
+/// anew. A copy with such offsets thus fits as well as the original file.
 pub struct Offset {
     first_rad: f64,
     last_rad: f64,
@@ -216,7 +215,7 @@ pub fn constant_offset(earlier: &MeasurementSet, later: &MeasurementSet) -> Opti
         first_rad,
         last_rad,
     };
-    // without an offset, the poses have already been compared
+    // Without an offset, the poses have already been compared.
     let is_none = first_rad.abs().max(last_rad.abs()) <= SAME_POSE_RAD;
     (!is_none).then_some(offset)
 }
@@ -246,7 +245,7 @@ pub struct Pair {
     pub reading_rad: f64,
     /// Displacement of the reflector that the difference of joint values predicts.
     pub predicted_mm: Vector3<f64>,
-    /// Measured displacement, without the rigid motion.
+    /// Measured displacement, after removing the rigid motion.
     pub difference_mm: Vector3<f64>,
 }
 

@@ -1,8 +1,9 @@
 //! Checks whether a session fits the robot at all, before the parameter set that is scored on it is judged.
 //!
-//! A file in a wrong frame, of another robot, or measured after a collision says nothing about a parameter set: of two errors of metres, it is chance
-//! which one is smaller. The expected errors are known from the set's own identification, where the set and the nominal robot were scored on held-out
-//! points. Errors above a share of the robot's reach ([`FITS`]) never fit, whatever is known of the set, and however few the points are.
+//! A file in a wrong frame, of another robot, or measured after a collision says nothing about a parameter set: if both errors are metres,
+//! chance decides which is smaller. The expected errors are known from the set's identification, where the set and the nominal robot were
+//! scored on held-out points. Errors above a share of the robot's reach ([`FITS`]) never fit, even if nothing is known about the set and
+//! however few the points are.
 
 use crate::calibration::point_errors::PointErrors;
 use crate::calibration::upload_checks::alignment::FITS;
@@ -18,10 +19,10 @@ use crate::solvers::median::median;
 use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 
-/// A valid set has errors on another session below this multiple of its errors on its own held-out points: an order of magnitude.
+/// A valid set's error on another session is below this multiple of its error on its own held-out points.
 const MAX_ERROR_RATIO: f64 = 10.0;
-/// An error above this multiple is reported. Between sessions of the measured robots the ratio is 1.0 to 1.5, and other poses or another temperature
-/// may double it.
+/// An error above this multiple is reported. Between sessions of the measured robots the ratio is 1.0 to 1.5. Other poses or another
+/// temperature may double it.
 const REPORTED_ERROR_RATIO: f64 = 3.0;
 /// The nominal robot's errors depend on the poses. Between two sessions of one robot they differ by less than this factor.
 const MAX_NOMINAL_RATIO: f64 = 2.0;
@@ -35,7 +36,7 @@ const FAR_OF_TYPICAL: f64 = 3.0;
 const MIN_OF_RUN: usize = 4;
 /// Maximum number of points for estimating the scatter of a session.
 const MAX_FITTED: usize = 2_000;
-/// Minimum share of the equations that is assumed to be left by a fit of the session: priors hold what few points do not determine.
+/// The fit of a session is assumed to leave at least this share of its equations free, because priors determine what few points do not.
 const MIN_FREE_SHARE: f64 = 0.25;
 /// Minimum number of equations per fitted number for estimating the scatter of a session.
 const EQUATIONS_PER_NUMBER: usize = 2;
@@ -77,7 +78,7 @@ pub fn least_worth_a_word_mm(identified_mm: f64, links: &[Link]) -> f64 {
     REPORTED_ERROR_RATIO * identified_mm.max(MIN_REFERENCE_PER_REACH * reach_mm(links))
 }
 
-/// Scatter of a session about a robot that is fitted to this session alone. It is computed only if the answer depends on it.
+/// Scatter of a session about a robot fitted to this session alone. It is computed only if the result depends on it.
 pub struct SessionScatter<'a> {
     /// The scored robot, placed on the session.
     pub model: &'a KinematicModel,
@@ -127,9 +128,9 @@ pub fn session_fit(
     if set_mm <= MAX_ERROR_RATIO * expected_mm {
         return Fit::Fits;
     }
-    // If the session's own scatter is far larger than the set's error on held-out points, the session cannot tell a good set from a bad one. The
-    // cause is a coarse instrument, rounded joint values or play. The scatter is limited to the nominal robot's error on held-out points: a file that
-    // nothing fits has no scatter of its own that could explain it.
+    // If the session's own scatter is much larger than the set's error on held-out points, the session cannot distinguish a good set from a
+    // bad one. The cause is a coarse instrument, rounded joint values or backlash. The scatter is limited to the nominal robot's error on
+    // held-out points, because the scatter of a file that no robot fits explains nothing.
     let scatter_mm = own_scatter_mm().min(nominal_mm);
     if set_mm <= MAX_ERROR_RATIO * scatter_mm {
         Fit::DoesNotFit
@@ -140,8 +141,8 @@ pub fn session_fit(
     }
 }
 
-/// Whether the nominal robot fits the points. If `n_refitted` is 0, its targets are placed anew in the base frame. Otherwise `n_refitted` numbers of
-/// base and targets were already fitted to the points.
+/// Whether the nominal robot fits the points. If `n_refitted` is 0, its targets are fitted in the base frame. Otherwise `n_refitted`
+/// parameters of base and targets were already fitted to the points.
 pub fn nominal_fit(
     robot: &Robot,
     nominal: &KinematicModel,
@@ -158,7 +159,7 @@ pub fn nominal_fit(
         n => (nominal.clone(), n),
     };
     let n_equations = 3 * observations.len();
-    // with few points, the fitted numbers absorb a large part of the errors
+    // With few points, the fitted parameters absorb a large part of the errors.
     let shrunk = (n_equations as f64 / n_equations.saturating_sub(n_fitted).max(1) as f64).sqrt();
     let errors_mm: Vec<[f64; 3]> = observations
         .iter()
@@ -167,7 +168,7 @@ pub fn nominal_fit(
     session_fit(&errors_mm, None, robot, || 0.0)
 }
 
-/// The session's own scatter, rms, mm: the error that is left when links, base and targets are all fitted to it. 0 if there are too few points.
+/// The session's own scatter, rms, mm: the error that remains after fitting links, base and targets to it. 0 if there are too few points.
 pub fn own_scatter_mm(model: &KinematicModel, observations: &[Observation]) -> f64 {
     let Some(fitted) = fitted_as_well_as_can_be(&model.links, observations) else {
         return 0.0;
@@ -185,7 +186,7 @@ pub fn fitted_as_well_as_can_be(
     if n_equations < EQUATIONS_PER_NUMBER * (6 + 3 * n_targets) {
         return None;
     }
-    // the scatter is that of positions, even if poses were measured
+    // Only the scatter of positions is used, even if poses were measured.
     let observations: Vec<Observation> = observations
         .iter()
         .map(Observation::position_alone)
@@ -198,7 +199,8 @@ pub fn fitted_as_well_as_can_be(
     Some(estimate(&problem, &start, 0.0, go_on).model)
 }
 
-/// Successive configurations at all of whose points a set is far off, while it fits the others: the robot changed during the session.
+/// Successive configurations at all of whose points a set is far off, while it fits the other points. This shows that the robot changed
+/// during the session.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FarRun {
     /// Label of the first configuration.
@@ -211,8 +213,8 @@ pub struct FarRun {
     pub rows: Vec<usize>,
 }
 
-/// The longest run of at least [`MIN_OF_RUN`] configurations whose errors are all above [`MAX_ERROR_RATIO`] times those of the held-out points. `order` has the
-/// rows of `points` in measuring order. Rows that are wrong one by one, as those of a lost beam, are outliers and no run.
+/// The longest run of at least [`MIN_OF_RUN`] configurations whose errors are all above [`MAX_ERROR_RATIO`] times the error on held-out
+/// points. `order` has the rows of `points` in measuring order. Single wrong rows, e.g. after an interrupted beam, are outliers and no run.
 pub fn far_run(
     points: &[PointErrors],
     order: &[usize],
@@ -226,7 +228,7 @@ pub fn far_run(
     let expected_mm = held_out
         .identified_rms_mm
         .max(MIN_REFERENCE_PER_REACH * reach_mm(links));
-    // the points of a coarse session are far off one by one
+    // In a coarse session, single points are far off by its scatter.
     let limit_mm = (MAX_ERROR_RATIO * expected_mm)
         .max(FAR_OF_TYPICAL * typical_mm(order.iter().map(error_mm)));
     let runs = order.chunk_by(|a, b| (error_mm(a) > limit_mm) == (error_mm(b) > limit_mm));

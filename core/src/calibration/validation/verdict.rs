@@ -15,7 +15,7 @@ use crate::kinematics::{Link, Robot, reach_mm};
 use crate::measurement::Subset;
 use crate::solvers::median::median;
 
-/// Warning: a parameter set misses points by far that fit the nominal robot.
+/// Warning: a parameter set is far off at points that fit the nominal robot.
 pub const SET_FAR_OFF: &str = "set_far_off";
 /// Warning: the nominal robot is as good on the verify points.
 pub const NO_BETTER: &str = "no_better_than_nominal";
@@ -206,13 +206,13 @@ pub fn no_fit_mm(nominal: &[Link]) -> f64 {
     NO_FIT_PER_REACH * reach_mm(nominal)
 }
 
-/// Half of the angles are below this many times a stated standard deviation of one component; by noise alone they are below 1.5 times.
+/// Half of the angles are below this multiple of a stated standard deviation of one component. From noise alone, they are below 1.5 times.
 const STATED_STDS: f64 = 3.0;
 /// Median angle above which the identified robot does not fit measured rotations, rad (2°). It is far above the noise of trackers.
 const NO_FIT_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
 
-/// Warning if the identified robot does not fit its identify points, or those of the same upload that were held out: their positions or, for poses,
-/// their rotations. `rotation_std_rad` is the stated noise of a component of a rotation, 0 if none is stated.
+/// Warning if the identified robot does not fit the points of its upload, whether fitted or held out: their positions or, for poses, their
+/// rotations. `rotation_std_rad` is the stated noise of one component of a rotation, 0 if none is stated.
 pub fn no_fit(
     per_point: &[PointErrors],
     nominal: &[Link],
@@ -247,8 +247,8 @@ pub fn no_fit(
     Some(Warning::new("no_fit", detail))
 }
 
-/// Warning of a job that identifies, by another session: if the session does not fit the robot, or if it fits and the set misses it by far. `fitted` are
-/// the errors of the points that the robot was identified from.
+/// Warning of an identification that is verified on another session: the session does not fit the robot, or it fits and the set is far off
+/// on it. `fitted` are the errors of the points that the robot was identified from.
 pub fn of_another_session(
     session: &Session<'_>,
     fitted: &SubsetErrors,
@@ -300,7 +300,7 @@ pub fn warnings(
         Some(_) => {}
     }
     let unseen = &report.identifiability.unidentifiable;
-    // combinations that no pose can show belong to the complete model and are not a fault of these points
+    // Combinations that no pose can show belong to the complete model. They are no fault of these points.
     if report.identifiability.rank < report.model_rank {
         let groups: Vec<String> = unseen.iter().map(|group| group.join(" with ")).collect();
         let detail = format!(

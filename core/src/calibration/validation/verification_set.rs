@@ -1,5 +1,5 @@
-//! Points to verify on, prepared for scoring. Base and targets are placed anew for each compared robot. Stations, and points before and after a step,
-//! are separated. Outliers are named.
+//! Points to verify on, prepared for scoring. Base and targets are fitted anew for each compared robot. Stations, and points before and
+//! after a step, are separated. Outliers are named.
 //!
 //! Steps are searched with the links held at the robot that fits best. No robot parameter is taken from these points.
 
@@ -22,9 +22,10 @@ use crate::measurement::Frame;
 use crate::measurement::{MeasurementSet, Subset};
 use crate::solvers::watch::Watch;
 
-/// Number of rounds of placement and weighing. Weights of directions need two; poses begin at the usual weight of rotations, which may be far off.
+/// Number of rounds of placement and weighting. Noise by direction needs two. Poses start with the usual weight of rotations, which may be
+/// far off.
 const WEIGHTING_ROUNDS: usize = 4;
-/// Minimum number of residuals per placed number for judging single points.
+/// Minimum number of residuals per fitted parameter for judging single points.
 const MIN_RESIDUALS_PER_NUMBER: usize = 2;
 
 /// The points of a verification set, prepared for scoring.
@@ -36,7 +37,7 @@ pub struct Layout<'a> {
     arrangement: Arrangement,
     /// Result of the screening.
     pub screening: Screening,
-    /// True if base and targets are placed anew.
+    /// True if base and targets are fitted anew.
     pub is_placed_anew: bool,
 }
 
@@ -50,7 +51,7 @@ pub struct Placed {
     pub segments: Vec<(usize, usize)>,
 }
 
-/// A robot with corrections, and the points as they are placed for it.
+/// A robot with corrections, and the points in its placement.
 pub struct PlacedCorrected {
     /// The robot, with base and targets on the points.
     pub robot: IdentifiedRobot,
@@ -65,14 +66,14 @@ impl PlacedCorrected {
     }
 }
 
-/// Maximum number of rounds in which set-ups, and base and targets, are placed in turn. Each halves what is left.
+/// Maximum number of rounds that alternately place the set-ups, and base and targets. Each round halves the remaining error.
 const SET_UP_ROUNDS: usize = 30;
-/// The set-ups are found if they move the points by less than this share of the reach: a micrometre on an arm of 1.7 m.
+/// The set-ups have converged if they move the points by less than this share of the reach: a micrometre on an arm of 1.7 m.
 const FOUND_PER_REACH: f64 = 1e-3 / 1700.0;
 
 impl<'a> Layout<'a> {
-    /// `observed` are the points of `set`, and `model` is the robot that is expected to fit them best. `refit`: base and targets are unknown for
-    /// these points. With several stations or with steps, base and targets are placed anew in any case.
+    /// `observed` are the points of `set`, and `model` is the robot that is expected to fit them best. `refit`: base and targets are
+    /// unknown for these points. With several stations or with steps, base and targets are fitted anew in any case.
     ///
     /// # Errors
     /// [`Error::Unusable`] if the points cannot be placed.
@@ -118,7 +119,7 @@ impl<'a> Layout<'a> {
         })
     }
 
-    /// Places a robot on these points. Its links stay; base and targets stay, or are placed anew.
+    /// Places a robot on these points. Its links stay unchanged; base and targets stay too, or are fitted anew.
     pub fn place(&self, model: &KinematicModel) -> Result<Placed, Error> {
         let mut observed = self.measured.clone();
         if !self.is_placed_anew {
@@ -168,8 +169,8 @@ impl<'a> Layout<'a> {
         Ok(placed)
     }
 
-    /// A robot with corrections, placed on the same points as its links alone. The set-ups of the instrument are placed anew for it, too: they alternate
-    /// with base and targets.
+    /// Places a robot with corrections on the same points as its links alone. The set-ups of the instrument are placed anew for it too,
+    /// alternately with base and targets.
     pub fn place_corrected(
         &self,
         robot: &IdentifiedRobot,
@@ -223,7 +224,7 @@ impl<'a> Layout<'a> {
         is_moved
     }
 
-    /// Number of base and target parameters that are placed anew.
+    /// Number of base and target parameters that are fitted anew.
     pub fn n_refitted(&self) -> usize {
         if !self.is_placed_anew {
             return 0;
@@ -258,8 +259,8 @@ fn placing(
     }
 }
 
-/// True if base and targets are fitted anew to another set. They are not if both sets are in the base frame and the targets are the identified ones,
-/// with known rotations if poses are scored.
+/// True if base and targets are fitted anew to another set. They are not if both sets are in the base frame and have the same targets, with
+/// known rotations if poses are scored.
 pub fn refits(request: &CalibrationRequest, set: &MeasurementSet) -> bool {
     let same_frame = set.frame == Frame::Base && in_base_frame(request);
     let is_turned = !set.has_poses() || request.set.has_poses();
@@ -271,7 +272,7 @@ pub fn n_placed(request: &CalibrationRequest, set: &MeasurementSet) -> usize {
     n_placed_where(refits(request, set), set)
 }
 
-/// As [`n_placed`], if it is known whether base and targets are placed anew. With several stations they always are.
+/// As [`n_placed`], if it is known whether base and targets are fitted anew. With several stations they always are.
 pub fn n_placed_where(is_placed_anew: bool, set: &MeasurementSet) -> usize {
     let stations = n_stations(set);
     match is_placed_anew || stations > 1 {

@@ -28,7 +28,7 @@ use nalgebra::IsometryMatrix3;
 use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 
-/// Reason if the points are in the base frame, but the base was placed anew.
+/// Reason if the points are in the base frame, but the base was fitted anew.
 const BASE_PLACED_ANEW: &str = "the positions are in the base frame, but the base was placed anew (several stations, a target that the parameter set \
                                 does not have, or something that moved), so that a wrong base does not show: no evidence. Measure the targets of the \
                                 parameter set from one station";
@@ -45,7 +45,7 @@ struct Scored {
     corrected: Option<PlacedCorrected>,
     /// Number of refitted base and target parameters.
     n_refitted: usize,
-    /// Why an error of the base does not show, if the set has a base and it was placed anew.
+    /// Why an error of the base does not show, if the set has a base and it was fitted anew.
     base_hidden_because: Option<&'static str>,
     /// Warnings about outliers and steps.
     remarks: Vec<Warning>,
@@ -88,7 +88,7 @@ pub fn verify(
     ))
 }
 
-/// Why a base that is placed anew hides an error of the base of `identified`; `None` if that set has no base of its own.
+/// Why fitting the base anew hides an error of the base of `identified`; `None` if that set has no base of its own.
 fn base_hidden_because(
     request: &CalibrationRequest,
     identified: &KinematicModel,
@@ -113,7 +113,7 @@ fn score(
     if let (None, Some(frames)) = (identified, &request.frames) {
         after.targets_mm[0].z = frames.z_tool_mm;
     }
-    // the nominal robot's base is at the base frame
+    // The nominal robot's base is the base frame.
     let t_instrument_base = match identified.is_some_and(|model| base_is_known(request, model)) {
         true => IsometryMatrix3::identity(),
         false => after.t_instrument_base,
@@ -191,7 +191,7 @@ fn report(
         verify_without_outliers: verify_without(&per_point, &scored.outliers),
         per_point,
         instrument_scale: request.scale_at_reach(),
-        // without equations, O1 is 0
+        // Without equations, O1 is 0.
         identifiability: Identifiability {
             observability_index_o1: Some(0.0),
             ..Identifiability::default()
@@ -216,7 +216,7 @@ fn warnings(
     let after = &scored.after;
     let placed = (scored.n_refitted > 0).then_some((&after.model, &after.observed.all[..]));
     let shows_little = shows_little(&request.robot, &request.set, placed);
-    // points that show little do not show that a set is no better, either
+    // Points that show little of the robot cannot show either that the set is no better than nominal.
     let told = verdict.warning();
     let told = told.filter(|told| told.code != NO_BETTER || shows_little.is_none());
     let mut warnings: Vec<Warning> = told.into_iter().collect();
@@ -230,8 +230,8 @@ fn warnings(
     warnings
 }
 
-/// Errors of another robot at each verify point, mm, for a request whose verify points are from its own upload. Base and targets are placed by all
-/// points of the upload, not by the verify points alone, as for the robot that the request identified.
+/// Errors of another robot at each verify point, mm, for a request whose verify points are from its own upload. Base and targets are fitted
+/// to all points of the upload, as for the identified robot, not to the verify points alone.
 pub fn errors_on_verify_subset_mm(
     request: &CalibrationRequest,
     robot: &IdentifiedRobot,
@@ -242,8 +242,8 @@ pub fn errors_on_verify_subset_mm(
     Ok(of_verify.map(|(error, _)| error).collect())
 }
 
-/// Errors of a robot at all points of `set`, mm, with base and targets placed anew as [`verify`] does. They are those of the links alone or with
-/// corrections, whichever are larger.
+/// Errors of a robot at all points of `set`, mm: with links alone or with corrections, whichever are larger. Base and targets are fitted
+/// anew as in [`verify`].
 pub fn errors_mm(
     request: &CalibrationRequest,
     set: &MeasurementSet,

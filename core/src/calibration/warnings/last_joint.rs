@@ -1,5 +1,5 @@
-//! Checks the counting direction of the last joint. A reflector near the last axis hardly moves with that joint. The points may then fit as well, or
-//! better, with the joint reversed, coupled to the joint before it, or with the reflector behind the wrist.
+//! Checks the sign of the last joint. A reflector near the last axis hardly moves with that joint. The points may then fit as well, or
+//! better, if the joint is reversed or coupled to the joint before it, or if the reflector is behind the wrist.
 
 use crate::calibration::problem::Problem;
 use crate::calibration::report::Warning;
@@ -15,8 +15,8 @@ use nalgebra::Vector3;
 use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 
-/// The check is made for reflectors closer than this share of the reach to the last axis: 17 mm of 1.7 m. For a reflector further off, points with a
-/// reversed joint do not fit at all.
+/// The check is made for reflectors closer than this share of the reach to the last axis: 17 mm of 1.7 m. If a reflector is further away,
+/// points with a reversed joint do not fit at all.
 const NEAR_PER_REACH: f64 = 0.01;
 /// Maximum number of points that other readings are tried on, evenly selected.
 const MAX_POINTS: usize = 600;
@@ -53,9 +53,9 @@ const COUPLED: [Reading; 4] = [
     },
 ];
 
-/// What the points show of the last joint's direction.
+/// What the points show about the direction of the last joint.
 pub enum LastJoint {
-    /// The points fit best as they are counted.
+    /// The points fit best with the joint map's direction.
     Shown,
     /// The points fit as well with the joint reversed.
     NotShown,
@@ -87,7 +87,7 @@ impl Reading {
     }
 }
 
-/// A warning if no reflector can be where the fit has it: farther than the arm is long, or inside the arm.
+/// Warning if the fitted reflector is where none can be: further away than the arm is long, or inside the arm.
 pub fn impossible_reflector(model: &KinematicModel, nominal: &[Link]) -> Option<Warning> {
     let reach_mm = reach_mm(nominal);
     out_of_reach(model, reach_mm).or_else(|| behind_the_wrist(model, reach_mm))
@@ -102,14 +102,14 @@ pub fn last_joint(problem: &Problem<'_>, model: &KinematicModel) -> LastJoint {
     let reach_mm = reach_mm(nominal);
     let off_axis_mm = model.targets_mm.iter().map(|target| target.xy().norm());
     let is_near = off_axis_mm.fold(0.0, f64::max) < NEAR_PER_REACH * reach_mm;
-    // rotations show the direction of every joint
+    // Rotations show the direction of every joint.
     let has_poses = problem.request.set.has_poses();
     if !is_near || has_poses || problem.request.preset == Preset::Paper {
         return LastJoint::Shown;
     }
     let own = problem.noise(model);
     let reversed = noise_of(problem, REVERSED);
-    // a link rotated by half a turn has the same effect as a reversed joint
+    // Rotating a link by half a turn has the same effect as reversing a joint.
     let is_turned = is_turned(problem, model);
     let is_reversed =
         |other: &Noise| own.is_more_than(other) || (is_turned && !other.is_more_than(&own));
@@ -181,8 +181,8 @@ fn out_of_reach(model: &KinematicModel, reach_mm: f64) -> Option<Warning> {
     })
 }
 
-/// A reflector behind the centre of a spherical wrist, by more than its distance from the last axis, is inside the arm, which is impossible. Such a
-/// fit occurs if the joint before the last one is counted from half a turn off, while the reflector is really in front.
+/// Warning for a reflector that is behind the centre of a spherical wrist by more than its distance from the last axis: it would be inside
+/// the arm. Such a fit occurs if the zero of the joint before the last is half a turn off and the reflector is really in front.
 fn behind_the_wrist(model: &KinematicModel, reach_mm: f64) -> Option<Warning> {
     let Link { a_mm, d_mm, .. } = model.links.last()?;
     let near_mm = NEAR_PER_REACH * reach_mm;

@@ -1,16 +1,16 @@
 //! Uncertainty of the flange's rotation of the identified robot, including prior knowledge of robots.
 //!
-//! Positions of one reflector on the last axis hardly determine the rotation of the flange. Priors settle the rest: the maximum a posteriori estimate
-//! from the nominal robot, with base and targets free. The expected squared error of the identified robot is then the posterior variance plus the
-//! squared distance between the identified robot and that estimate:
-//! E|R_identified − R_true|² = E|R_posterior − R_true|² + |R_identified − R_posterior|².
-//! The second part is the identification's own choice along combinations that the positions do not determine.
+//! Positions of one reflector on the last axis hardly determine the rotation of the flange; priors determine the rest. The reference is the
+//! maximum a posteriori estimate from the nominal robot, with base and targets free. The expected squared error of the identified robot is
+//! the posterior variance plus the squared distance between the identified robot and that estimate: E|R_identified − R_true|² =
+//! E|R_posterior − R_true|² + |R_identified − R_posterior|². The second part is the identification's own choice along combinations that the
+//! positions do not determine.
 //!
-//! If the last link is found longer than makers build it, an unmastered joint before it may explain the points as well. The rotation between the two
-//! explanations then counts too.
+//! If the last link is found longer than robots are built, an unmastered joint before it may explain the points as well. The rotation
+//! between the two explanations is then included.
 //!
-//! Positions never determine the zero of the last joint: another place of the reflector on the flange explains them as well. This zero is only as
-//! well known as its prior. The prior's width comes from the zeros of the other joints, or from the request.
+//! Positions never determine the zero of the last joint, because another place of the reflector on the flange explains them as well. This
+//! zero is known only by its prior, whose width comes from the zeros of the other joints or from the request.
 
 use crate::calibration::preparation::observe::with_target_rotations;
 use crate::calibration::problem;
@@ -30,10 +30,10 @@ use crate::kinematics::rotation::rotation_log;
 use crate::kinematics::{Link, t_base_flange};
 use std::ops::ControlFlow;
 
-/// Maximum number of points. More points are thinned out: they could only make the uncertainty smaller.
+/// Maximum number of points. More points are thinned out, because they could only reduce the uncertainty.
 const MAX_POINTS: usize = 2_000;
 
-/// Limit for the deviation of a length from its drawing, in standard deviations of new robots.
+/// A length is implausible if it deviates from its drawing by more than this number of standard deviations of new robots.
 const IMPLAUSIBLE: f64 = 2.0;
 
 /// Uncertainty of the flange's rotation: the largest for the given links, each identified from the points of the problem. `None` if it cannot be

@@ -1,4 +1,4 @@
-//! Errors over a session, in words: play of joints, errors that the points of a visit share, drift.
+//! Text about errors over a session: backlash of joints, errors that the points of a visit share, drift.
 
 use crate::calibration::preparation::all_fit::SessionErrors;
 use crate::calibration::report::Warning;
@@ -6,7 +6,6 @@ use crate::identification::screening::backlash::{Backlash, ShownBy};
 use crate::identification::screening::drift::{Course, Drift};
 use crate::identification::screening::settling::SharedErrors;
 
-/// The warnings about errors over a session.
 pub(super) fn over_session(errors: &SessionErrors) -> impl Iterator<Item = Warning> {
     let played = errors.backlash.iter().map(played);
     let shared = errors.shared.as_ref().map(err_together);

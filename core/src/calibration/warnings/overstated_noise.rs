@@ -10,9 +10,10 @@ use crate::measurement::Subset;
 /// Warning and refusal code.
 pub const NOISE_OVERSTATED: &str = "noise_overstated";
 
-/// The stated noise is overstated if it is more than this many times the scatter. Model errors only add to the scatter.
+/// The stated noise is overstated if it exceeds this multiple of the scatter. Model errors can only increase the scatter.
 const MIN_TIMES_SCATTER: f64 = 3.0;
-/// Minimum number of redundant equations for the comparison. With them, right statements are this far off by chance in fewer than one of 10⁶ files.
+/// Minimum number of redundant equations for the comparison. With this number, a correct statement exceeds the limit by chance in fewer
+/// than one of 10⁶ files.
 const MIN_REDUNDANT: usize = 20;
 
 /// Stated noise and scatter, one standard deviation of a coordinate of the position, or of one component of the rotation.
@@ -84,7 +85,8 @@ impl OverstatedNoise {
                 of_rotations.add(std_rad, residual_rad.norm_squared());
             }
         }
-        // Positions and rotations determine the parameters together: each is compared as if it did so alone, which leaves fewer equations.
+        // Positions and rotations determine the parameters together. Each is compared as if it determined them alone, which assumes fewer
+        // redundant equations.
         let n_parameters = problem.parameters.len();
         let of_rotations = || of_rotations.overstated(n_parameters, 1f64.to_degrees(), "°");
         of_positions
@@ -92,7 +94,7 @@ impl OverstatedNoise {
             .or_else(of_rotations)
     }
 
-    /// The comparison in words.
+    /// Text about the comparison.
     pub fn in_words(&self) -> String {
         let Self {
             stated,

@@ -14,13 +14,13 @@ use nalgebra::IsometryMatrix3;
 use std::collections::BTreeSet;
 use std::f64::consts::PI;
 
-/// Limit for a length's deviation. Makers hold lengths to some tenths of a millimetre, and a hard collision bends by a few millimetres. More
-/// indicates a wrong tool, another robot, or a wrong model: 5 mm on an arm of 1.7 m, as a share of the reach.
+/// Limit for the deviation of a length, as a share of the reach: 5 mm on an arm of 1.7 m. Makers hold lengths to some tenths of a
+/// millimetre, and a hard collision bends by a few millimetres. A larger deviation indicates a wrong tool, another robot, or a wrong model.
 const PLAUSIBLE_PER_REACH: f64 = 5.0 / 1700.0;
-/// Limit for an angle's deviation, rad (2°). Mastering errs by some tenths of a degree, a slipped belt by one or two degrees.
+/// Limit for the deviation of an angle, rad (2°). Mastering is off by some tenths of a degree, a slipped belt by one or two degrees.
 const PLAUSIBLE_RAD: f64 = 2.0 * PI / 180.0;
 
-/// Differences between two robots of the same make that are larger than expected, in words.
+/// Text about differences between two robots of the same type that are larger than expected.
 pub fn implausible_changes(links: &[Link], reference: &[Link]) -> Vec<String> {
     let plausible_mm = PLAUSIBLE_PER_REACH * reach_mm(reference);
     let mut changes = Vec::new();
@@ -59,7 +59,7 @@ pub fn implausible_changes(links: &[Link], reference: &[Link]) -> Vec<String> {
 
 /// Warning code: the base is not where its frame says.
 pub const BASE_FRAME_OFF: &str = "base_frame_off";
-/// The warning is given above this number of standard deviations of a base frame: 5 mm, 0.25°.
+/// The warning is given above this multiple of a base frame's prior standard deviation: 5 mm, 0.25°.
 const BASE_FRAME_STDS: f64 = 5.0;
 
 /// Warning if the positions are in the base frame, and the identified robot is far from that frame.
@@ -82,9 +82,9 @@ pub fn base_frame_off(t_measuring_base: &IsometryMatrix3<f64>) -> Option<Warning
 /// Warning code: the links only fit with a joint counted in another way.
 pub const JOINT_MAP: &str = "joint_map_suspect";
 
-/// Warning if a joint's zero or an axis is rotated by more than an unmastered joint. A reflector near the last axis fits as well with that joint
-/// reversed: another link is then rotated by half a turn, and the flange's rotation is wrong. Parameters that the points do not determine (`unseen`,
-/// by name) are ignored, because a swarm leaves them at any value.
+/// Warning if a joint's zero or an axis is rotated by more than the zero error of an unmastered joint. A reflector near the last axis fits
+/// as well with the last joint reversed: another link is then rotated by half a turn, and the flange's rotation is wrong. Parameters that
+/// the points do not determine (`unseen`, by name) are ignored, because a swarm may leave them at any value.
 pub fn joint_counted_otherwise(
     links: &[Link],
     nominal: &[Link],
@@ -134,12 +134,14 @@ pub const TOOL_UNCERTAIN: &str = "tool_uncertain";
 
 /// Warning code: the positions were computed and not measured.
 pub const POSITIONS_COMPUTED: &str = "positions_computed";
-/// No robot repeats its positions this well, as a share of its reach: 0.017 mm of 1.7 m. Positions that agree better are computed.
+/// No robot repeats its positions this well, as a share of its reach: 0.017 mm of 1.7 m. Positions that fit better were computed.
 const COMPUTED_PER_REACH: f64 = 1e-5;
-/// A controller computes positions with nominal parameters: they agree with the nominal robot to this share of the reach, 0.5 mm of 1.7 m.
+/// A controller computes positions with nominal parameters. They agree with the nominal robot within this share of the reach, 0.5 mm of 1.7
+/// m.
 const NOMINAL_PER_REACH: f64 = 3e-4;
 
-/// Warning if the positions agree with the nominal robot and, after the fit, better than measured ones can: the controller's own tool position.
+/// Warning if the positions agree with the nominal robot and fit better than measured ones can: they are the controller's own tool
+/// positions.
 fn positions_computed(report: &CalibrationReport, nominal: &[Link]) -> Option<Warning> {
     let reach_mm = reach_mm(nominal);
     let (before, after) = (report.identify.before, report.identify.after);
@@ -167,7 +169,7 @@ pub fn warnings(report: &CalibrationReport, nominal: &[Link]) -> Vec<Warning> {
     let measured = without_outliers(&report.per_point, Subset::Verify)
         .or_else(|| without_outliers(&report.per_point, Subset::Identify));
     let measured_mm = measured.unwrap_or(report.identify).after.rms_mm;
-    // more poses do not mend the scale of the instrument, which has a warning of its own
+    // More poses do not reduce the error of the instrument's scale, which has its own warning.
     let of_scale_mm = report.instrument_scale.map_or(0.0, |scale| scale.std_mm);
     let of_poses_mm = report.tool_uncertainty.map(|tool| {
         ((tool.max_mm - of_scale_mm) * (tool.max_mm + of_scale_mm))
@@ -268,12 +270,12 @@ fn common_scale(links: &[Link], nominal: &[Link], unseen: &BTreeSet<&str>) -> Op
     (scale.abs() > SCALE && scale.abs() > sigmas * std).then_some(scale)
 }
 
-/// Warning of each joint that follows another one: gears of a wrist that the controller does not compensate. No link parameter describes it.
+/// Warnings about joints that follow another joint: wrist gears that the controller does not compensate. No link parameter describes this.
 pub fn of_following_joints(uncertainty: &Uncertainty) -> impl Iterator<Item = Warning> {
     let followings = uncertainty.features.followings.iter();
     followings.enumerate().map(|(k, following)| {
         let row = uncertainty.n_parameters + k;
-        // the feature is the followed joint's value in half turns
+        // The feature is the followed joint's value in half turns.
         let share = uncertainty.mean(row) / PI;
         let (percent, std_percent) = (100.0 * share, 100.0 * uncertainty.posterior_std(row) / PI);
         let (joint, followed) = (following.joint + 1, following.followed + 1);

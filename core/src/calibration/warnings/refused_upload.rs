@@ -1,9 +1,9 @@
-//! Advice about an upload that was refused and kept because the uploader insisted: the advice of the refusal, whatever else its points show.
+//! Advice about an upload that was refused and accepted by `insist`: always the advice of the refusal, whatever else its points show.
 
 use crate::calibration::report::{NO_FIT, Warning};
 use crate::calibration::warnings::plausibility::JOINT_MAP;
 
-/// The correction that the refusal with this code asked for.
+/// The correction that the refusal with this code requires.
 pub fn remedy(code: &str) -> &'static str {
     match code {
         "frame_suspect" => {
@@ -29,7 +29,7 @@ pub fn advice(code: &str) -> String {
     )
 }
 
-/// A warning that nothing fits, with the columns that are not read and may be the cause.
+/// Extends a warning that nothing fits by the columns that are not read and may be the cause.
 pub fn with_unread(told: Warning, unread: Option<&str>) -> Warning {
     match unread {
         Some(unread) if told.code == NO_FIT => Warning {
@@ -40,7 +40,7 @@ pub fn with_unread(told: Warning, unread: Option<&str>) -> Warning {
     }
 }
 
-/// A warning that the robot does not fit, with its own advice replaced by that of the refusal.
+/// Replaces the advice in a warning that the robot does not fit by the advice of the refusal.
 pub fn advised(told: Warning, refused_as: Option<&str>) -> Warning {
     match refused_as {
         Some(code) if [NO_FIT, JOINT_MAP].contains(&told.code) && told.code != code => {

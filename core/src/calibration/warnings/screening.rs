@@ -1,4 +1,4 @@
-//! The findings of the screening, in words.
+//! Text about the results of the screening.
 
 use crate::calibration::preparation::arrangement::Arrangement;
 use crate::calibration::preparation::observe::Observed;
@@ -20,8 +20,8 @@ const EXTRAPOLATION_RATIO: f64 = 2.0;
 /// A warning is given if more than this share of the verify points are extrapolations.
 const MAX_EXTRAPOLATED_SHARE: f64 = 0.1;
 
-/// The warnings about outliers, steps, and errors over the session. `asked` is the loss that the request asks for. `delivered` is the arrangement of points from which a
-/// base is identified; `None` for points that only verify.
+/// The warnings about outliers, steps, and errors over the session. `asked` is the loss that the request states. `delivered` is the
+/// arrangement of the points from which a base is identified; `None` for points that only verify.
 pub fn screening_warnings(
     screening: &Screening,
     observed: &Observed,
@@ -95,7 +95,7 @@ pub fn of_the_verify_set(warnings: Vec<Warning>) -> impl Iterator<Item = Warning
     })
 }
 
-/// The stretch for which the delivered base holds, in words. `None` if the base did not move.
+/// The segment for which the delivered base is valid, as text; `None` if the base did not move.
 fn delivered_base(screening: &Screening, arrangement: &Arrangement) -> Option<String> {
     let is_of_base = |s: &&Step| s.moved == Moved::Base && !s.is_one_point;
     let steps = screening.steps.iter().filter(is_of_base);

@@ -1,5 +1,5 @@
-//! What the measured positions do not determine of the flange. The identified robot predicts the measured reflector correctly in any case. Another
-//! tool, or a rotation of the flange, may be wrong.
+//! What the measured positions do not determine about the flange. The identified robot predicts the measured reflector correctly in any
+//! case. With another tool, or for rotations of the flange, it may be wrong.
 
 use crate::calibration::problem::Problem;
 use crate::calibration::report::{FlangeRotation, Warning};
@@ -14,20 +14,20 @@ use nalgebra::DMatrix;
 
 /// Number of configurations that represent the workspace.
 pub const N_CONFIGURATIONS: usize = 64;
-/// Smaller shifts of the flange are rounding. Parameters that the model has twice, such as d of links with parallel axes, cause them. As a share of
-/// the reach: 1 µm on an arm of 1.7 m.
+/// Smaller shifts of the flange are rounding, as a share of the reach: 1 µm on an arm of 1.7 m. They come from redundant parameters of the
+/// model, such as d of links with parallel axes.
 const NOTICED_PER_REACH: f64 = 1e-3 / 1700.0;
 /// Smaller rotations of the flange are rounding, as for [`NOTICED_PER_REACH`]; 0.001°.
 const NOTICED_RAD: f64 = 1e-3 * std::f64::consts::PI / 180.0;
 /// Share of a scale at which unobservable directions are evaluated, see [`unseen`].
 const FIRST_ORDER: f64 = 1e-3;
-/// Distance from the reflector of the tool point that the warning is judged at, as a share of the reach (100 mm of 1.7 m).
+/// Distance between the reflector and the tool point for which the warning is decided, as a share of the reach (100 mm of 1.7 m).
 const TOOL_PER_REACH: f64 = 100.0 / 1700.0;
 /// The warning is given if the uncertainty of this tool point exceeds this multiple of the scatter of the points.
 const MIN_TIMES_SCATTER: f64 = 5.0;
 /// Unobservable directions that move this tool point by less than this share of the scatter do not matter.
 const NEGLIGIBLE_SHARE: f64 = 0.1;
-/// The standard deviations are of first order. For rotations above 20° they only say that the rotation is not known.
+/// Limit of the first-order standard deviations. A rotation above it (20°) only means that the rotation is unknown.
 const SMALL_TURN_RAD: f64 = 20.0 * std::f64::consts::PI / 180.0;
 
 /// Uncertainty of the identified robot's flange, one standard deviation.
@@ -101,8 +101,8 @@ pub fn warning(
     Some(Warning::new("pose_not_seen", detail))
 }
 
-/// Effect of the directions that the points do not determine at all, to first order. With poses, base and target rotate together with these
-/// directions, and at a whole scale second-order terms would be visible. The directions are therefore evaluated at a small share of a scale.
+/// First-order effect of the directions that the points do not determine at all. For poses these directions also rotate base and target,
+/// and second-order terms would be visible at a whole scale. The directions are therefore evaluated at a small share of a scale.
 fn unseen(problem: &Problem<'_>, model: &KinematicModel) -> AtFlange {
     let share = match problem.request.set.has_poses() {
         true => FIRST_ORDER,

@@ -18,9 +18,9 @@ pub struct CorrectedModel {
     pub region: MeasuredRegion,
 }
 
-/// An identified robot: its links alone, and with corrections if some were kept.
+/// An identified robot: with its links alone, and with corrections if some were kept.
 ///
-/// The corrected model is used in the region where the robot was measured. Outside of that region it is blended into the links alone.
+/// The corrected model is used in the region where the robot was measured. Outside of it, it is blended into the model of the links alone.
 #[derive(Clone, Debug, PartialEq)]
 pub struct IdentifiedRobot {
     /// Links alone: the best model for a controller without corrections.
@@ -62,7 +62,7 @@ impl IdentifiedRobot {
         }
     }
 
-    /// The same robot with this payload on its flange. `None`: with the payload that it had when it was identified.
+    /// The same robot with this payload on its flange. `None`: with the payload of the identification.
     pub fn carrying(mut self, payload: Option<Payload>) -> Self {
         if let (Some(corrected), Some(payload)) = (&mut self.corrected, payload) {
             corrected.corrections.compliance.payload = Some(payload);

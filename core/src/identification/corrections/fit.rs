@@ -15,19 +15,18 @@ use crate::kinematics::{Corrections, Mounting, Payload, reach_mm};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, IsometryMatrix3, Translation3, Vector3};
 use std::borrow::Cow;
 
-/// Maximum number of Gauss-Newton steps. Masses and compliances are known by their products only, so that a fit of many of them takes more than the usual
-/// ones.
+/// Maximum number of Gauss-Newton steps. A fit with many masses and compliances takes the most, because only their products are known.
 const STEPS: usize = 20;
-/// Minimum number of steps, in which the variance settles too.
+/// Minimum number of steps, so that the variance converges too.
 const MIN_STEPS: usize = 4;
-/// A step is halved at most this many times; one that still does not lower the objective ends the fit.
+/// Maximum number of halvings of a step. If the step still does not lower the objective, the fit ends.
 const HALVINGS: usize = 8;
 /// The fit has converged when a step lowers the objective by less than this share.
 const CONVERGED: f64 = 1e-6;
-/// Unit of a set-up's turn, rad, and of its shift as a share of the reach.
+/// Units of the motion of a set-up: rotation, rad, and shift as a share of the reach.
 const MOTION_SCALE: f64 = 1e-3;
 
-/// Everything that stays the same from fit to fit.
+/// Everything that does not change between fits.
 pub struct Setting<'a> {
     /// The nominal robot.
     pub nominal: &'a KinematicModel,
@@ -58,8 +57,8 @@ pub struct Fitted {
     pub values: Vec<f64>,
     /// σ², mm².
     pub variance: f64,
-    /// Transforms the points of each set-up but the reference into the frame in which the links alone have them at identity. The fit of the links placed
-    /// the set-ups on a robot without corrections; they move when corrections are added.
+    /// Motion of each set-up except the reference: transforms its points from the placement of the links alone. That placement belongs to a
+    /// robot without corrections, so it changes when corrections are added.
     pub motions: Vec<IsometryMatrix3<f64>>,
 }
 
@@ -69,8 +68,8 @@ pub struct Linear {
     pub residuals: DVector<f64>,
     /// First rotation row of each observation that is a pose.
     pub rotation_rows: Vec<Option<usize>>,
-    /// (3·N + 3·M) × m: links, base and targets in units of their scales, then the terms in units of their priors, then six numbers for each set-up but
-    /// the reference.
+    /// (3·N + 3·M) × m: links, base and targets in units of their scales; then the terms in units of their priors; then six columns for
+    /// each set-up except the reference.
     pub columns: DMatrix<f64>,
     /// The diagonal of Λ, m: Σ (x/S)² = (x − pulled)ᵀ·Λ·(x − pulled) up to a constant.
     pub prior: DVector<f64>,
@@ -100,7 +99,7 @@ impl<'a> Setting<'a> {
         of_terms.collect()
     }
 
-    /// The points as they are placed at a fit.
+    /// The points in their placement at a fit.
     pub fn placed(&self, at: &Fitted) -> Cow<'a, [Observation]> {
         if self.set_ups.is_empty() {
             return Cow::Borrowed(self.observations);
@@ -113,8 +112,8 @@ impl<'a> Setting<'a> {
         Cow::Owned(placed.collect())
     }
 
-    /// The linear problem at a fit. Every parameter is free. The links' priors settle what the points cannot tell apart, so that base and targets
-    /// absorb as much as they can.
+    /// The linear problem at a fit. Every parameter is free. The links' priors determine what the points do not, so that base and targets
+    /// absorb as much as possible.
     pub fn linear(&self, at: &Fitted) -> Linear {
         let corrections = self.corrections(at);
         let unknowns = (self.parameters, at.terms.as_slice());
@@ -131,7 +130,7 @@ impl<'a> Setting<'a> {
         for (j, scale) in self.scale.iter().enumerate() {
             by_parameter.column_mut(j).scale_mut(*scale);
         }
-        // limits a step of poorly observable parameters to their scale
+        // Limits a step of poorly observable parameters to their scale.
         let (mut prior, mut pull) = (DVector::<f64>::repeat(m, 1.0), DVector::<f64>::zeros(m));
         for known in self.priors {
             let j = known.parameter;
@@ -219,7 +218,7 @@ impl<'a> Setting<'a> {
         }
     }
 
-    /// Fills the columns of the set-ups: those of the base, in the rows of their points.
+    /// Fills the columns of the set-ups: in the rows of a set-up's points, they equal those of the base.
     fn fill_motions(&self, linear: &mut Linear, by_base: &DMatrix<f64>, first: usize) {
         let scale = self.motion_scale();
         for (point, set_up) in self.set_ups.iter().enumerate() {
@@ -235,13 +234,14 @@ impl<'a> Setting<'a> {
         }
     }
 
-    /// Units of the six numbers of a set-up: a thousandth of the reach, and a thousandth of a radian. They damp a step and pull to nothing.
+    /// Units of the six numbers of a set-up: a thousandth of the reach, and a thousandth of a radian. They damp a step and have no prior.
     fn motion_scale(&self) -> [f64; 6] {
         let mm = MOTION_SCALE * reach_mm(&self.nominal.links);
         [mm, mm, mm, MOTION_SCALE, MOTION_SCALE, MOTION_SCALE]
     }
 
-    /// Moves the set-ups by a step of the solution. `base` is the base at which the columns were made: its origin is the centre of the turns.
+    /// Moves the set-ups by a step of the solution. `base` is the base for which the columns were computed; the rotations are about its
+    /// origin.
     fn moved(
         &self,
         motions: &[IsometryMatrix3<f64>],
@@ -257,7 +257,7 @@ impl<'a> Setting<'a> {
                 let shift = Vector3::from_fn(|axis, _| number(axis));
                 let turn = rotation_exp(&Vector3::from_fn(|axis, _| number(3 + axis)));
                 let moved = Translation3::from(origin + shift - turn * origin);
-                // the step moves the prediction; its inverse moves the measured points
+                // The step moves the prediction; its inverse moves the measured points.
                 IsometryMatrix3::from_parts(moved, turn).inverse() * before
             })
             .collect()
@@ -301,7 +301,7 @@ impl Linear {
     }
 }
 
-/// Fits links and `terms`, beginning at `start`. Terms that `start` already has begin at their values there.
+/// Fits links and `terms`, starting at `start`. Terms that `start` already contains start at their values there.
 pub fn fit(setting: &Setting<'_>, start: &Fitted, terms: &[Term]) -> Option<Fitted> {
     let known = |term: &Term| {
         start
@@ -334,7 +334,7 @@ pub fn fit(setting: &Setting<'_>, start: &Fitted, terms: &[Term]) -> Option<Fitt
                 break;
             }
         }
-        // degrees of freedom used up: trace((AᵀA + σ²Λ)⁻¹·AᵀA)
+        // Degrees of freedom that the fit uses: trace((AᵀA + σ²Λ)⁻¹·AᵀA)
         let used = x.len() as f64 - at.variance * cholesky.inverse().diagonal().dot(&linear.prior);
         at.variance = left / (linear.residuals.len() as f64 - used).max(1.0);
         if step >= MIN_STEPS && before - after < CONVERGED * before {

@@ -97,7 +97,7 @@ pub(super) fn divisions(clusters: &[usize], sessions: &[Option<String>], seed: u
         labels.entry(session).or_insert(next);
     }
     if labels.len() > 1 {
-        // whole sessions stay together; the number of parts is limited, because each costs a fit
+        // Whole sessions stay together. The number of parts is limited, because each part needs a fit.
         let folds = sessions
             .iter()
             .map(|session| labels[session] % FOLDS)

@@ -38,7 +38,7 @@ pub fn linearise(
         residuals
             .fixed_rows_mut::<3>(3 * i)
             .copy_from(&(o.whitened(o.position_mm - pose.at.position_mm) * root));
-        // from a small rotation of the prediction to the change of its rotation rows
+        // Converts a small rotation of the prediction to the change of its rotation rows.
         let turned = rotation_rows[i].map(|row| {
             let measured = o.rotation.as_ref();
             let predicted =
@@ -93,8 +93,8 @@ pub fn rotation_rows(model: &KinematicModel, observations: &[Observation]) -> Ve
     observations.iter().map(&mut row_of).collect()
 }
 
-/// A rotation of a frame. `axes` transforms a rotation vector of the frame to the measuring frame. `lever` transforms the result to the target's
-/// shift.
+/// A rotation of a frame. `axes` transforms a rotation vector from the frame to the measuring frame. `lever` transforms that vector to the
+/// target's shift.
 struct Turn {
     lever: Matrix3<f64>,
     axes: Matrix3<f64>,
@@ -112,10 +112,10 @@ struct Pose<'a> {
     q_rad: &'a [f64],
     /// Position and its derivatives by links, base and target. The base turns the whole robot.
     at: PositionJacobian,
-    /// Effects of the rotation vector w = K∘M of each joint, and of the base.
+    /// Effects of the rotation vector w = K∘M of each joint and of the base.
     by_turn: Vec<Turn>,
     by_base_turn: Turn,
-    /// Frames without corrections, in the base frame, and the first moments there.
+    /// Frames without corrections in the base frame, and the first moments in that frame.
     chain: Vec<IsometryMatrix3<f64>>,
     first: Vec<Vector3<f64>>,
     first_base: Vector3<f64>,
@@ -147,7 +147,7 @@ impl<'a> Pose<'a> {
             at.rotation *= rotation_exp(&turn);
             turns.push(turn);
         }
-        // the network displaces the end of the chain without rotating anything
+        // The network displaces the end of the chain without a rotation.
         let tip = at.rotation * model.targets_mm[o.target] + at.translation.vector;
         let net = corrections
             .residual
@@ -204,7 +204,7 @@ impl<'a> Pose<'a> {
             }
             Term::Gravity(axis) => {
                 let across = across_gravity(mounting)[axis];
-                // the gravity direction is normalised to a unit vector again
+                // The gravity direction is normalised to a unit vector.
                 let turned = (across - g * g.dot(&across)) * g.dot(&mounting.gravity_in_base);
                 self.turned_by(&self.first_base, &self.first, &turned)
             }
@@ -219,7 +219,7 @@ impl<'a> Pose<'a> {
         }
     }
 
-    /// Effect of a first moment that loads the first `n_joints` joints and the base. `about` gives it about each frame's origin (mm).
+    /// Effect of a first moment that loads the first `n_joints` joints and the base. `about` returns it about each frame's origin (mm).
     fn bent(
         &self,
         n_joints: usize,

@@ -58,7 +58,7 @@ impl Term {
             Self::Base(_) => PRIOR_BASE_RAD / reach_m,
             Self::Mass(_) => PRIOR_MASS,
             Self::FirstMoment(..) => PRIOR_FIRST_MOMENT * reach_m,
-            // a direction that is stated as exact may only change by rounding
+            // A direction that is stated as exact may change only by rounding.
             Self::Gravity(_) => mounting.std_rad.max(1e-9),
             Self::Harmonic(..) => PRIOR_HARMONIC_RAD,
         }

@@ -14,7 +14,7 @@ use nalgebra::{DVector, Vector3};
 const HIDDEN: usize = 10;
 /// Number of passes over the samples.
 const EPOCHS: usize = 300;
-/// Minimum number of configurations. With fewer there is not enough left to learn from after links and physics are identified.
+/// Minimum number of configurations. With fewer, too little is left for training after links and physical effects are identified.
 const MIN_CONFIGURATIONS: usize = 30;
 /// Maximum number of samples, evenly selected.
 const MAX_SAMPLES: usize = 1_000;
@@ -44,7 +44,7 @@ struct Samples {
     left_mm: Vec<Vector3<f64>>,
 }
 
-/// Tries a network. `None` if there is too little to learn from, or if the residuals have no smooth part.
+/// Trains a network and evaluates it by cross-validation. `None` if there are too few samples, or if the residuals have no smooth part.
 pub(super) fn choose_network(
     setting: &Setting<'_>,
     fitted: &Fitted,
@@ -78,7 +78,7 @@ pub(super) fn choose_network(
             errors[point] = o.weight * whitened_from_base(fitted, o, error).norm_squared();
         }
     }
-    // use the same division for both errors, so that differences between divisions are not credited to the network
+    // The same division is used for both errors, so that differences between divisions are not attributed to the network.
     let before = folds.by_configuration(|point| {
         folded.residuals[folds.folds[point]]
             .fixed_rows::<3>(3 * point)
@@ -125,7 +125,7 @@ fn left_in_base(
     let to_base = fitted.model.t_instrument_base.rotation.inverse();
     let o = &setting.observations[point];
     let row: Vector3<f64> = residuals.fixed_rows::<3>(3 * point).into();
-    // the whitening of a covariance is invertible
+    // The whitening matrix of a covariance is invertible.
     let whitening = o.whitening.and_then(|w| w.try_inverse());
     let row = whitening.map_or(row, |back| back * row);
     to_base * row / o.weight.sqrt()
@@ -139,8 +139,8 @@ fn whitened_from_base(fitted: &Fitted, o: &Observation, v: Vector3<f64>) -> Vect
     }
 }
 
-/// A fast check before training: a smooth function of the joints makes residuals of neighbouring poses similar. True if the mean product with the
-/// residual of the nearest other configuration exceeds its standard error.
+/// A fast check before training: if the residuals are a smooth function of the joints, those of neighbouring poses are similar. True if the
+/// mean product with the residual of the nearest other configuration exceeds its standard error.
 fn neighbours_agree(setting: &Setting<'_>, fitted: &Fitted) -> bool {
     let residuals = setting.linear(fitted).residuals;
     let step = setting.observations.len().div_ceil(MAX_SAMPLES).max(1);
@@ -153,7 +153,7 @@ fn neighbours_agree(setting: &Setting<'_>, fitted: &Fitted) -> bool {
         a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum()
     };
     let product = |point: &usize| -> Option<f64> {
-        // another target at the same pose, or a repeated pose, carries no information about the joints
+        // Another target at the same pose, or a repeated pose, shows nothing about the joints' effect.
         let others = points
             .iter()
             .map(|other| (distance(*point, *other), *other))
@@ -272,7 +272,7 @@ fn train_residual_network(
     Some(found)
 }
 
-/// Warm start: an earlier network's weights, converted so that they give the same displacements at the scales of the new network.
+/// Warm start: the weights of an earlier network, converted so that they give the same displacements with the scales of the new network.
 fn remembered(earlier: &ResidualNetwork, scales: &ResidualNetwork) -> Option<Network> {
     let n_joints = scales.centre_rad.len();
     if earlier.centre_rad.len() != n_joints || earlier.hidden_thresholds.len() != HIDDEN {

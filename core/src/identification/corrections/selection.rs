@@ -1,4 +1,4 @@
-//! Selects the corrections that are kept, step by step: each must lower the error of points that it was not fitted to.
+//! Selects the corrections that are kept, step by step: each must reduce the error of points that it was not fitted to.
 //!
 //! The points are divided into five parts that keep whole configurations together (by session if there are several). Each part is predicted by links
 //! and corrections fitted to the other parts. The gain of a correction is the squared error without it minus that with it, averaged over
@@ -15,7 +15,8 @@ use crate::kinematics::corrections::HARMONIC_ORDERS;
 use crate::kinematics::{Corrections, ResidualNetwork};
 use nalgebra::{DMatrix, DVector, Vector3};
 
-/// All kept corrections together must win by this number of standard errors, because each of them may have won by one standard error through luck.
+/// All kept corrections together must gain by this number of standard errors, because each single one may have gained one standard error by
+/// chance.
 const STANDARD_ERRORS_TOGETHER: f64 = 2.0;
 /// Minimum number of configurations for judging unseen ones.
 const MIN_CONFIGURATIONS: usize = 10;
@@ -120,7 +121,7 @@ pub fn select(
             .any(|t| matches!(t, Term::Mass(_) | Term::FirstMoment(..)))
             && !gives
         {
-            continue; // masses that nothing gives under cannot be seen
+            continue; // unobservable: no compliance carries these masses
         }
         let mut terms = best.terms.clone();
         terms.extend(more.iter().filter(|t| !best.terms.contains(t)));
@@ -145,7 +146,7 @@ pub fn select(
     if let Some(tried) = choose_network(setting, &best, &folded, earlier, seed, go_on) {
         corrections.residual = tried.network;
         if tried.evidence.kept {
-            // the network was tried on the first division alone: its gain there is subtracted from the error over all divisions
+            // The network was evaluated on the first division alone: its gain there is subtracted from the error over all divisions.
             let gains = tried
                 .before
                 .errors

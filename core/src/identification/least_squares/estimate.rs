@@ -1,8 +1,8 @@
 //! Maximum a posteriori estimate of the variables of a problem, from its rows and its priors.
 //!
-//! Rows divided by the noise σ, and coordinates divided by the widths of their priors, are one least-squares problem. There is no rank threshold, and
-//! nothing is held: the priors settle what the rows cannot tell apart. σ and the widths are estimated as well ([`crate::identification::least_squares::evidence`]):
-//! least squares and the noise estimate alternate until neither changes.
+//! The rows divided by the noise σ, and the coordinates divided by the widths of their priors, form one least-squares problem. There is no
+//! rank threshold, and no parameter is held: the priors determine what the rows do not. σ and the widths are estimated as well
+//! ([`crate::identification::least_squares::evidence`]): least squares and the noise estimate alternate until neither changes.
 
 use crate::identification::KinematicModel;
 use crate::identification::least_squares::evidence::{Evidence, Posterior, Triangle};
@@ -68,7 +68,7 @@ impl Estimate {
         Self {
             model: problem.model(start),
             x: start.to_vec(),
-            // before the rows are evaluated, the posterior is the prior
+            // Without rows, the posterior equals the prior.
             posterior: Triangle::empty(start.len()).solve(start, &evidence),
             evidence,
             convergence_mm2: vec![],
@@ -125,7 +125,7 @@ impl<'a> Rows<'a> {
         }
     }
 
-    /// Number of rows for least squares: those of the problem, or for a problem in parts those of its triangle and one for the rest.
+    /// Number of rows for least squares: those of the problem. For a problem in parts: those of its triangle, and one for the rest.
     fn n(&self) -> usize {
         match &self.parts {
             Some(_) => self.problem.variables.len() + 1,
@@ -133,8 +133,8 @@ impl<'a> Rows<'a> {
         }
     }
 
-    /// Evaluates the rows. For a problem in parts they are those of the triangle, with the same sum of squares and the same derivatives of it.
-    /// Without `jacobian`, only the sum is computed, as a single row.
+    /// Evaluates the rows. For a problem in parts, the rows of the triangle are returned: they have the same sum of squares, and the same
+    /// derivatives of it. Without `jacobian`, only the sum is computed, as a single row.
     fn evaluate(&self, x: &[f64], residuals: &mut [f64], jacobian: Option<&mut DMatrix<f64>>) {
         let (Some(parts), p) = (&self.parts, x.len()) else {
             return self.problem.evaluate(x, residuals, jacobian);
@@ -164,7 +164,7 @@ pub fn estimate(
     let least_sigma_mm = problem.least_sigma_mm;
     let evidence = Evidence::first(problem, FIRST_SIGMA * problem.reach_mm);
     let mut found = Estimate::before(problem, start, evidence);
-    // between parts of the rows, the last iteration is reported to the monitor again
+    // Between parts of the rows, the monitor is called again with the last iteration.
     let (monitor, told) = (RefCell::new(monitor), Cell::new(None));
     let ask = || {
         told.get()
@@ -196,7 +196,7 @@ pub fn estimate(
     found.with_curve(problem)
 }
 
-/// Least squares of the rows, beginning at `start`. σ is far below the noise, so that the priors settle only what the rows cannot tell apart.
+/// Least squares of the rows, starting at `start`. σ is far below the noise, so that the priors determine only what the rows do not.
 pub fn least_squares(problem: &Problem<'_>, start: &KinematicModel) -> KinematicModel {
     least_squares_while(problem, start, &Watch::nobody())
 }
@@ -257,7 +257,7 @@ fn descend(
     let problem = rows_of.problem;
     let (n_rows, widths) = (rows_of.n(), &found.evidence.widths);
     let sigma_mm = found.evidence.sigma_mm;
-    // evaluations since the last step: minimised sum of squares, coordinates, sum of squares of the rows
+    // Evaluations since the last step: minimised sum of squares, coordinates, sum of squares of the rows.
     let evaluated: RefCell<Vec<(f64, Vec<f64>, f64)>> = RefCell::default();
     let mut rows =
         |x: &[f64], residuals: &mut DVector<f64>, mut jacobian: Option<&mut DMatrix<f64>>| {
@@ -289,7 +289,7 @@ fn descend(
         let mut since = evaluated.borrow_mut();
         let here = since.iter().rposition(|(sum, ..)| *sum == i.cost);
         let here = here.map(|k| since.swap_remove(k));
-        // the first iteration of a later round repeats the last of the round before
+        // The first iteration of a later round repeats the last one of the previous round.
         if let Some((_, x, rows_mm2)) = here
             .as_ref()
             .filter(|_| i.iteration > 0 || steps.is_empty())

@@ -3,14 +3,14 @@
 //! If the rows are linear in the coordinates, the most probable noise σ and the most probable widths are a fixed point [MacKay 1992]:
 //!
 //! - σ² is the sum of squares of the residuals, divided by the number of rows minus the number of coordinates that the rows determine;
-//! - g² is the factor by which the prior variances of a kind are larger than at first. It is the sum of squares of the kind's coordinates, divided by
-//!   the number of those that the rows determine, and never below 1.
+//! - g² is the factor by which the prior variances of a kind have grown from their start values. It is the sum of squares of the kind's
+//!   coordinates, divided by the number of those that the rows determine, and at least 1.
 //!
-//! Errors of links have heavy tails: most are small, and a joint that was never mastered is off by a hundred times as much. Each number of a link
-//! therefore has Student's t distribution, written as a normal distribution with its own unknown variance: width² = g²·(ν + x²/g²)/(ν + 1), with x²
-//! the expected square of the coordinate [Liu & Rubin 1995].
+//! Errors of links have heavy tails: most are small, but that of a joint that was never mastered is a hundred times larger. Each link
+//! parameter therefore has Student's t distribution, written as a normal distribution with its own unknown variance: width² = g²·(ν +
+//! x²/g²)/(ν + 1), with x² the expected square of the coordinate [Liu & Rubin 1995].
 //!
-//! σ starts far below the noise, so that at first the priors settle only what the rows cannot tell apart.
+//! σ starts far below the noise, so that at first the priors determine only what the rows do not.
 
 use crate::identification::least_squares::problem::{KINDS, Prior, Problem};
 use crate::identification::statistics::distributions::f_tail;
@@ -41,7 +41,7 @@ const SIGNIFICANCE_LEVEL: f64 = 1e-3;
 pub struct Evidence {
     /// σ, standard deviation of a row of weight 1, mm.
     pub sigma_mm: f64,
-    /// g, the factor by which the priors of each kind are wider than at first; at least 1. In the order of [`KINDS`].
+    /// g, the factor by which the priors of each kind are wider than at the start; at least 1. In the order of [`KINDS`].
     pub widened: [f64; KINDS.len()],
     /// Prior standard deviation of each coordinate.
     pub widths: Vec<f64>,
@@ -103,8 +103,8 @@ impl Beyond {
         Spectrum::new(&self.residuals, &self.columns, self.rest, self.n_free)
     }
 
-    /// The coordinate that explains most by itself, if it explains more than it leaves, and chance explains as much with a smaller probability than
-    /// `chance`.
+    /// The coordinate that explains most by itself. It must explain more than it leaves, and the probability that chance explains as much
+    /// must be below `chance`.
     pub fn dominant(&self, chance: f64) -> Option<usize> {
         let along = |j: &usize| {
             let column = self.columns.column(*j);
@@ -127,19 +127,19 @@ pub struct Posterior {
     pub step: Vec<f64>,
     /// Root of the covariance of the coordinates, p × p: covariance = root · rootᵀ.
     pub root: DMatrix<f64>,
-    /// Share of each coordinate that the rows determine: 1 − posterior variance / prior variance. For a flat prior, the variable's width replaces
-    /// that of the prior: a coordinate that is not known to within the reach is not determined.
+    /// Share of each coordinate that the rows determine: 1 − posterior variance / prior variance. For a flat prior, the variable's width is
+    /// used instead of the prior's: a coordinate whose uncertainty exceeds the reach is not determined.
     pub data_share: Vec<f64>,
     /// Number of coordinates that the rows determine.
     pub n_determined: f64,
 }
 
 impl Evidence {
-    /// Width of a flat prior, in units of the variable's width. Base and targets may be anywhere. If no row determines a part of their position, such
-    /// as a common shift along a single axis, this part stays where it was first placed.
+    /// Width of a flat prior, in units of the variable's width. It is so large that base and targets may be anywhere. If no row determines
+    /// a part of their position, e.g. a common shift along a single axis, this part keeps its initial value.
     pub const FLAT: f64 = 1e3;
 
-    /// Noise and widths before anything is measured.
+    /// Noise and widths before any row is used.
     pub fn first(problem: &Problem<'_>, sigma_mm: f64) -> Self {
         let width = |prior: Prior| match prior {
             Prior::OfKind(_) => 1.0,
@@ -279,7 +279,8 @@ impl Triangle {
         }
     }
 
-    /// Rows of the last coordinates, from `first` on: what the rows and the priors of all other coordinates leave of them.
+    /// Rows for the last coordinates, from `first` on: the information about them that is left after all other coordinates have been fitted
+    /// with their priors.
     pub fn beyond(&self, x: &[f64], evidence: &Evidence, first: usize) -> Beyond {
         let p = self.right.len();
         let n = p + first;
@@ -292,7 +293,7 @@ impl Triangle {
         }
         triangularise(stacked.as_mut_slice(), n, &mut right);
         let columns = stacked.view((first, first), (p - first, p - first));
-        // rows of priors count as data, except for flat priors
+        // Rows of priors count as data, except those of flat priors.
         let n_flat = self.is_flat[..first].iter().filter(|flat| **flat).count();
         Beyond {
             columns: columns.upper_triangle(),
@@ -310,7 +311,7 @@ impl Triangle {
     /// Reduces the rows at a fit to a triangle.
     pub fn at(problem: &Problem<'_>, x: &[f64]) -> Self {
         let (n_rows, p) = (problem.n_rows(), x.len());
-        // with fewer rows than coordinates, rows of zeros are added
+        // With fewer rows than coordinates, rows of zeros are added.
         let n = n_rows.max(p);
         let (mut residuals, mut jacobian) = (vec![0.0; n], DMatrix::zeros(n, p));
         problem.evaluate(x, &mut residuals, Some(&mut jacobian));
@@ -408,8 +409,8 @@ impl Triangle {
     }
 }
 
-/// The factor c² for which Σ square/(stated² + c²·usual²) equals `freedom`, between 1e-18, where residuals are rounding, and 1e18. Terms are (square,
-/// stated², usual²).
+/// The factor c² for which Σ square/(stated² + c²·usual²) equals `freedom`, limited to 1e-18 (below, residuals are rounding) and 1e18.
+/// Terms are (square, stated², usual²).
 pub fn variance_over_usual(terms: &[(f64, f64, f64)], freedom: f64) -> f64 {
     if terms.iter().all(|(_, stated, _)| *stated == 0.0) {
         let sum: f64 = terms.iter().map(|(square, _, usual)| square / usual).sum();
@@ -418,9 +419,8 @@ pub fn variance_over_usual(terms: &[(f64, f64, f64)], freedom: f64) -> f64 {
     bisected(terms, |_| freedom.max(1.0))
 }
 
-/// As [`variance_over_usual`], the most probable c² with a prior: log c is normal about 0 with a standard deviation τ of one decade, since noise is
-/// usual, or ten times less or more. It adds log c/τ² to the freedom, the derivative of its logarithm, so that it decides only where the rows leave no
-/// freedom.
+/// As [`variance_over_usual`], but the most probable c² with a prior: log c is normal about 0 with a standard deviation τ of one decade.
+/// The prior adds log c/τ², the derivative of its logarithm, to the freedom, so it matters only if the rows leave hardly any freedom.
 pub fn probable_variance_over_usual(terms: &[(f64, f64, f64)], freedom: f64) -> f64 {
     let decade = std::f64::consts::LN_10;
     bisected(terms, |c2| {

@@ -9,9 +9,9 @@ use nalgebra::{Matrix3, Rotation3, SMatrix};
 
 /// Iteration limit of the singular value decomposition.
 const SVD_ITERATIONS: usize = 10_000;
-/// One of this many pairs has no influence on a robust fit.
+/// A robust fit leaves out one of this many pairs.
 const LEFT_OUT: usize = 4;
-/// Maximum number of concentration steps; they converge in a few.
+/// Maximum number of concentration steps; they converge in a few steps.
 const CONCENTRATIONS: usize = 10;
 
 /// Rotation of the base in the measuring frame, and of the target in the flange frame.
@@ -32,7 +32,7 @@ pub fn base_and_target_rotation(
     let (u, v_t) = (svd.u?, svd.v_t?);
     let x = Matrix3::from_iterator(u.column(largest).iter().copied());
     let z = Matrix3::from_iterator(v_t.row(largest).iter().copied());
-    // the sign of the singular vectors is arbitrary, but the same for both
+    // The sign of the singular vectors is arbitrary, but the same for both.
     let sign = z.determinant().signum();
     let (x, z) = (
         nearest_rotation(&(x * sign))?,
@@ -49,7 +49,7 @@ pub fn angle_rad(
     rotation_log(&((base * flange * target).inverse() * measured)).norm()
 }
 
-/// Base and target by `fit` to the three quarters of the pairs that it fits best (concentration steps [Rousseeuw & Van Driessen 2006]). `None` if a
+/// Applies `fit` to the three quarters of the pairs that it fits best, by concentration steps [Rousseeuw & Van Driessen 2006]. `None` if a
 /// fit fails.
 pub fn robustly(
     pairs: &[(Rotation3<f64>, Rotation3<f64>)],

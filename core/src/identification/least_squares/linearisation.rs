@@ -137,7 +137,7 @@ pub fn scaled_jacobian_at(
 ) -> DMatrix<f64> {
     let per_point = 1.0 / (observations.len().max(1) as f64).sqrt();
     let shares: Vec<f64> = scale.iter().map(|s| s * per_point).collect();
-    // the kernel below knows one weight a point
+    // The kernel used below supports one weight per point only.
     let is_directional = |o: &Observation| o.whitening.is_some();
     if observations
         .iter()
@@ -161,8 +161,8 @@ pub fn scaled_jacobian_at(
 }
 
 impl SearchSpace {
-    /// A space with one coordinate per observable combination: deviation = S·V·coordinate, with J·S = U·Σ·Vᵀ at the reference. The box of these
-    /// coordinates is the rotated box of the parameters (a uniform cube has the same spread in every direction).
+    /// A space with one coordinate per observable combination: deviation = S·V·coordinate, with J·S = U·Σ·Vᵀ at the reference. Its box is
+    /// the rotated box of the parameters; a uniform cube has the same spread in every direction.
     pub fn singular(
         reference: KinematicModel,
         parameters: Vec<Parameter>,

@@ -10,12 +10,12 @@ use crate::solvers::median::median;
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 
-/// Least squares has found the robot if half of the points fit to this share of its reach. This is five times the error of real arms, and far below
-/// the error of a wrong local minimum of joint offsets.
+/// Least squares has found the robot if half of the points fit to this share of its reach. This is five times the error of real arms, and
+/// far below the error of a wrong local minimum of the joint offsets.
 const FOUND_PER_REACH: f64 = 1e-3;
 /// Maximum number of starts with other joint offsets.
 const STARTS: usize = 40;
-/// Offsets of a start are drawn up to this limit to both sides, rad (90°).
+/// Largest joint offset of a start, rad (90°).
 const WIDEST_RAD: f64 = std::f64::consts::FRAC_PI_2;
 /// Number of concentration steps before a start is given up. Each fits only the best-fitting points, because outliers pull a fit away from the
 /// solution of the others [Rousseeuw & Van Driessen 2006, concentration steps].
@@ -44,8 +44,8 @@ pub struct BestStart {
     pub found_mm: f64,
 }
 
-/// Runs least squares from nominal. If it ends far from the points, even from those that fit best, it runs from the stored answer, then from random
-/// joint offsets of up to 90°, each `placed` anew on the points, until one of them fits.
+/// Runs least squares from nominal. If the result is far from the points, even from those that fit best, least squares runs from the stored
+/// answer and then from random joint offsets of up to 90°, until a result fits. Each of these starts is first `placed` on the points.
 pub fn best_start(
     nominal: &KinematicModel,
     remembered: Option<&KinematicModel>,
@@ -68,7 +68,7 @@ pub fn best_start(
         let model = fitted(start, &compared);
         (median_mm(&model, &compared), model)
     };
-    // the solution without the influence of a few bad points
+    // The solution without the influence of a few bad points.
     let concentrated = |mut median: f64, mut model: KinematicModel| {
         for _ in 0..CONCENTRATIONS {
             if median <= found_mm {
@@ -104,7 +104,7 @@ pub fn best_start(
     }
     let mut random = ChaCha8Rng::seed_from_u64(0);
     let is_offset = |p: &Parameter| matches!(p, Parameter::Link(_, Quantity::ThetaOffset));
-    // without a free offset all starts are the same
+    // Without a free offset, all starts are the same.
     let n_starts = if parameters.iter().any(is_offset) {
         STARTS
     } else {
@@ -112,7 +112,7 @@ pub fn best_start(
     };
     while found.best_mm > found_mm && found.n_starts < n_starts {
         found.n_starts += 1;
-        // small offsets first: most joints are off by little
+        // Starts with small offsets, because most joints are off by little.
         let widest = WIDEST_RAD * found.n_starts as f64 / STARTS as f64;
         let mut links = nominal.links.clone();
         for parameter in parameters {
@@ -131,7 +131,7 @@ pub fn best_start(
     found
 }
 
-/// Points with nonzero weight, evenly selected from each target, so that every order of targets in a file gives each target its share.
+/// Points with nonzero weight, evenly selected from each target, so that every target has its share whatever the order in the file.
 fn evenly_taken(observations: &[Observation], n_targets: usize) -> Vec<Observation> {
     let every = observations.len().div_ceil(COMPARED_POINTS).max(1);
     let of_target = |target| {

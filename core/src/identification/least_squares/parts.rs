@@ -6,11 +6,11 @@ use crate::identification::least_squares::problem::Problem;
 use crate::solvers::watch::Watch;
 use nalgebra::{DMatrix, DVector};
 
-/// Number of blocks of a part. Its derivatives by forty coordinates fit into a processor's cache.
+/// Number of blocks of a part. Its derivatives with respect to forty coordinates fit into a processor's cache.
 const BLOCKS_AT_ONCE: usize = 200;
 /// Problems with at most this number of blocks stay in one part: their matrix is small.
 const MIN_BLOCKS: usize = 1_000;
-/// Number of parts between two questions whether to go on.
+/// Number of parts between two checks whether to stop.
 const PARTS_PER_CHECK: usize = 10;
 
 /// A problem that is too large for one matrix, in parts.
@@ -46,7 +46,7 @@ impl<'a> Parts<'a> {
         sum
     }
 
-    /// All rows as a triangle; only some of them if the watch stops.
+    /// The triangle R of all rows. If the watch stops, only some of the rows are in it.
     pub fn triangle(&self, x: &[f64], watch: &Watch<'_>) -> Triangle {
         let mut triangle = Triangle::empty(self.n_coordinates);
         for (i, part) in self.parts.iter().enumerate() {

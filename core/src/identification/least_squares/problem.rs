@@ -1,9 +1,9 @@
 //! The least-squares problem that every estimate solves: variables with their priors, and blocks of rows that depend on them.
 //!
-//! Coordinate x_j is the deviation of variable j from the reference in units of its width, so that all coordinates are of similar size. A block has
-//! the rows of one measurement and knows their number; nothing else counts rows. A row is sqrt(weight) · W · (measured − predicted), in mm, where W
-//! whitens noise that differs between directions. A pose has three more rows: the rotation vector between the predicted and the measured target,
-//! times a length in mm/rad. The priors are rows too; [`crate::identification::least_squares::estimate`] adds them.
+//! Coordinate x_j is the deviation of variable j from the reference, in units of its width, so that all coordinates are of similar size. A
+//! block has the rows of one measurement; only the block knows their number. A row is sqrt(weight) · W · (measured − predicted), in mm,
+//! where W whitens noise that differs between directions. A pose has three more rows: the rotation vector between the predicted and the
+//! measured target, times a length in mm/rad. The priors are rows too; [`crate::identification::least_squares::estimate`] adds them.
 
 use crate::identification::KinematicModel;
 use crate::identification::model::objective::{Observation, posed_targets};
@@ -42,7 +42,7 @@ pub const USUAL_ANGLE_RAD: f64 = ANGLE_RAD;
 /// Usual error of a joint offset, rad.
 pub const USUAL_OFFSET_RAD: f64 = OFFSET_RAD;
 
-/// Length that converts a pose's angles to mm before its noise is known, mm/rad. Lengths and angles are assumed as uncertain as those of links.
+/// Length that converts a pose's angles to mm before its noise is known, mm/rad: the ratio of the usual errors of link lengths and angles.
 pub fn usual_mm_per_rad(reach_mm: f64) -> f64 {
     usual_length_mm(reach_mm) / ANGLE_RAD
 }
@@ -77,7 +77,8 @@ pub const KINDS: [Kind; 5] = [
 /// Prior of a variable.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Prior {
-    /// Normal about the reference with a standard deviation of one width, widened to what the deviations of its kind show.
+    /// Normal about the reference. The standard deviation is one width at the start, and grows with the deviations of all variables of its
+    /// kind.
     OfKind(Kind),
     /// Normal about `mean` with the standard deviation `std`, both in units of the width; never widened.
     Stated {
@@ -113,7 +114,7 @@ struct Block<'a> {
 /// Variables and blocks.
 #[derive(Clone, Debug)]
 pub struct Problem<'a> {
-    /// Reference of the deviations: nominal links, base and targets as they were first placed.
+    /// Reference of the deviations: nominal links, and base and targets as first placed.
     pub reference: KinematicModel,
     /// The variables.
     pub variables: Vec<Variable>,
@@ -121,14 +122,14 @@ pub struct Problem<'a> {
     pub reach_mm: f64,
     /// Minimum noise of a row of weight 1, mm: the file's resolution, or the instrument's stated noise.
     pub least_sigma_mm: f64,
-    /// Usual noise of a row, mm, if the noise has a prior: that of poses. Few of them are fitted without a rest, which says nothing of the noise.
+    /// Prior for the noise of a row, mm; only for poses. A few poses are fitted without residuals, which then show nothing about the noise.
     pub usual_sigma_mm: Option<f64>,
     parameters: Vec<Parameter>,
     blocks: Vec<Block<'a>>,
 }
 
-/// Radius of the workspace, mm: the sum of the links' lengths, but at least the median distance of the measured points from their centre, for a robot
-/// whose lengths are all in its targets.
+/// Radius of the workspace, mm: the sum of the links' lengths. For a robot whose links have no length, it is the median distance of the
+/// measured points from their centre, if that is larger.
 pub fn reach_mm<'a>(
     links: &[Link],
     observations: impl Iterator<Item = &'a Observation> + Clone,
@@ -197,7 +198,7 @@ impl Block<'_> {
         let left = o.position_mm - here.position_mm;
         let residuals = &mut residuals[self.rows.clone()];
         fill_rows(&mut residuals[..3], &(o.whitened(left) * root));
-        // rows of the position depend on those of the rotation
+        // If the rotation has a lever, the position rows depend on the rotation rows.
         let coupling = o.coupling();
         let add_to_position = |rows: &mut [f64], of_rotation: &Vector3<f64>| {
             if let Some(coupling) = &coupling {
@@ -309,8 +310,8 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// The same problem with a base that is known to be at the reference, with standard deviations of 1 mm and 0.05°. As for links, the tails are
-    /// heavy: a base frame that was set up badly is off by centimetres, and link 1 must not absorb that.
+    /// The same problem with a base that is known to be at the reference, with standard deviations of 1 mm and 0.05°. Its prior has heavy
+    /// tails like those of links: the error of a badly set up base frame may be centimetres, and link 1 must not absorb it.
     pub fn with_known_base(mut self) -> Self {
         for variable in &mut self.variables {
             let (width, kind) = match variable.parameter {
@@ -332,7 +333,8 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// Makes a parameter's prior flat: in the paper's model the last d contains the reflector's height above the flange.
+    /// Makes a parameter's prior flat. In the paper's model, this is used for the last d, which contains the reflector's height above the
+    /// flange.
     pub fn free(&mut self, parameter: Parameter) {
         let found = self.variables.iter_mut().find(|v| v.parameter == parameter);
         if let Some(variable) = found {

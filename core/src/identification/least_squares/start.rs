@@ -1,4 +1,4 @@
-//! Base pose and targets from nominal kinematics, without a starting guess from the user.
+//! Initial base pose and targets from nominal kinematics. The user need not state a starting guess.
 
 use crate::identification::KinematicModel;
 use crate::identification::least_squares::hand_eye::{base_and_target_rotation, target_rotation};
@@ -12,7 +12,7 @@ use nalgebra::{
 };
 use std::ops::ControlFlow;
 
-/// Maximum number of observations of each target for the closed form. The least-squares fit after it uses all.
+/// Maximum number of observations of each target for the closed form. The least-squares fit that follows uses all.
 const START_OBSERVATIONS: usize = 200;
 /// Iteration limit of a singular value decomposition.
 const SVD_ITERATIONS: usize = 10_000;
@@ -33,8 +33,8 @@ fn flanges(links: &[Link], observations: &[Observation]) -> Vec<IsometryMatrix3<
     observations.iter().map(flange).collect()
 }
 
-/// Target offsets that best fit `observations`, with the links held and the base at the measuring frame: the mean of each target's points in the
-/// flange frame. A target without points is at the flange.
+/// Target positions that best fit `observations`, with the links held and the base at the measuring frame: the mean of each target's points
+/// in the flange frame. A target without points is placed at the flange.
 pub fn fit_targets(
     links: &[Link],
     observations: &[Observation],
@@ -99,11 +99,12 @@ fn base_rotation_of_poses(
     base_and_target_rotation(&pairs).map(|(base, _)| base)
 }
 
-/// A robot with these links, whose flange is known in its base frame at each observation: base pose and target offsets fit these best (least squares).
+/// A robot with these links, whose flange in its base frame is known at each observation. Base pose and target positions are fitted by
+/// least squares.
 ///
-/// Starts from a closed form (linear in the rotation's entries, then projected onto the rotations) and from Kabsch's fit with the targets at the
-/// flange; with poses, also from the closed form of their rotations. If none of them is good, also from the 24 rotations of the cube. Each start is
-/// refined by least squares, and the lowest cost wins.
+/// Starts are a closed form (linear in the rotation's entries, which are then projected onto the rotations), Kabsch's fit with the targets
+/// at the flange and, for poses, the closed form of their rotations. If none of them gives a good fit, the 24 rotations of the cube are
+/// tried too. Each start is refined by least squares, and the lowest cost wins.
 pub fn place(
     links: &[Link],
     flanges: &[IsometryMatrix3<f64>],
@@ -212,14 +213,15 @@ pub fn align_in_closed_form(
     ))
 }
 
-/// A shift along parallel axes, which base and target share, goes to the base: it is weighed less than a target's offset by this factor. If it were
-/// divided evenly, a target could be placed a metre off, depending on where the instrument stands.
+/// Weight of a target's offset relative to that of the base. A common shift of base and target along parallel axes is unobservable, and
+/// this weight assigns it to the base. If it were divided evenly, a target could be placed a metre off, depending on the position of the
+/// instrument.
 const BASE_FIRST: f64 = 100.0;
 /// Singular values below this share of the largest are rounding.
 const ROUNDING_SHARE: f64 = 1e-9;
 
-/// Nominal kinematics leave less than a hundredth of the points' spread, even with an unmastered joint. If a closed form leaves more, it may be
-/// wrong, and the cube's rotations are tried as well.
+/// Residuals of a closed form above this share of the points' spread indicate a wrong solution; the cube's rotations are then tried too.
+/// Nominal kinematics leave less than a hundredth of the spread, even with an unmastered joint.
 const MAX_LEFT_SHARE: f64 = 0.01;
 
 /// With a given rotation, base translation and targets are linear: measured = R·A + R·B·target + t.

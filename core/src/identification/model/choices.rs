@@ -19,7 +19,7 @@ pub enum Model {
 }
 
 impl Model {
-    /// As it stands in requests, reports and on the command line.
+    /// Its name in requests, in reports and on the command line.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Paper => "paper",
@@ -43,7 +43,7 @@ pub enum Preset {
 }
 
 impl Preset {
-    /// As it stands in requests, reports and on the command line.
+    /// Its name in requests, in reports and on the command line.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Default => "default",

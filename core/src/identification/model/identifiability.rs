@@ -9,10 +9,10 @@ use nalgebra::{DMatrix, DVector};
 /// A combination is observable if a change by its prior scale displaces the measured points by at least this share of the reach, rms: 1 µm on an arm
 /// of 1.7 m, a tenth of the resolution of the best trackers. Below it, the data only add noise to the combination.
 pub const VISIBLE_PER_REACH: f64 = 1e-3 / 1700.0;
-/// A parameter belongs to an unobservable combination if its share is at least this (of the largest).
+/// A parameter belongs to an unobservable combination if its share is at least this share of the largest one.
 const MIN_SHARE: f64 = 1e-3;
-/// Priors determine a combination if they are at most a thousand times wider than the usual errors of robots, and if their parameter has at least
-/// this share in it.
+/// Priors determine a combination if they are at most a thousand times wider than the usual errors of robots, and if their parameter's
+/// share in the combination is at least this.
 const MIN_PRIOR_RATIO: f64 = 1e-3;
 /// Iteration limit of the singular value decomposition.
 const SVD_ITERATIONS: usize = 10_000;
@@ -59,7 +59,7 @@ pub fn decompose(mut scaled: DMatrix<f64>, scale: &[f64], visible_mm: f64) -> De
     if scaled.nrows() < p {
         scaled = scaled.resize_vertically(p, 0.0);
     }
-    // R of the QR factorisation of J·S has the same singular values and right vectors, with size p × p
+    // The R of the QR factorisation of J·S has the same singular values and right singular vectors, and only p × p entries.
     let n_rows = scaled.nrows();
     if n_rows > MIN_ROWS {
         scaled = triangle(&scaled);
@@ -166,7 +166,7 @@ impl Decomposition {
         if stds.is_empty() || unseen.ncols() == 0 {
             return (seen, unseen);
         }
-        // however narrow a prior is, it does not determine a combination that does not contain its parameter
+        // A prior does not determine a combination that does not contain its parameter, however narrow it is.
         let said = |row: usize, k: usize| {
             unseen[(stds[row].0, k)]
                 / stds[row]

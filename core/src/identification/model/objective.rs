@@ -77,10 +77,12 @@ impl Observation {
         }
     }
 
-    /// From the rotation rows of a pose to what is added to its position rows, if the noise is independent at a lever ℓ: there, the position residual is
-    /// e + R·(w × ℓ) = e − R·[ℓ]×·w, with w the rotation residual and R the measured rotation. `None` if the lever is zero.
+    /// Matrix that transforms the rotation rows of a pose to an addition to its position rows. It is needed if the position noise is
+    /// independent of the rotation noise at a lever ℓ and not at the target. At the lever, the position residual is e + R·(w × ℓ) = e −
+    /// R·[ℓ]×·w, with w the rotation residual and R the measured rotation. `None` if the lever is zero.
     ///
-    /// A camera measures a board at c ± δc, turned by R⁻¹. Inverted, the position is −R·c, and its error −R·δc is that at the board, ℓ = c.
+    /// Example: a camera measures a board at c ± δc, rotated by R⁻¹. Inverted, the position is −R·c. Its error −R·δc is the error at the
+    /// board, so ℓ = c.
     pub fn coupling(&self) -> Option<Matrix3<f64>> {
         let measured = self.rotation.as_ref();
         let measured = measured.filter(|measured| measured.lever_mm != Vector3::zeros())?;

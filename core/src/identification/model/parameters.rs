@@ -42,7 +42,7 @@ pub enum Parameter {
 const AXES: [&str; 3] = ["x", "y", "z"];
 
 impl Parameter {
-    /// Its name on the wire: `a_1`, `theta_offset_3`, `base_x`, `base_rx`, `target_0_z`, `target_0_rx`.
+    /// Its name in the API: `a_1`, `theta_offset_3`, `base_x`, `base_rx`, `target_0_z`, `target_0_rx`.
     pub fn name(&self) -> String {
         match self {
             Self::Link(link, quantity) => {
@@ -122,7 +122,7 @@ pub fn target_rotation_parameters(targets: &[usize]) -> Vec<Parameter> {
     targets.iter().flat_map(of_target).collect()
 }
 
-/// Base pose, all five numbers of every link, and targets. Positions cannot tell all of them apart; their priors settle the rest.
+/// Base pose, all five numbers of every link, and targets. Positions do not determine all of them; their priors determine the rest.
 pub fn complete_parameters(n_links: usize, n_targets: usize) -> Vec<Parameter> {
     let quantities = [
         Quantity::A,

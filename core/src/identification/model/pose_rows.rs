@@ -9,11 +9,11 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 pub struct MeasuredRotation {
     /// The target in the measuring frame.
     pub rotation: Rotation3<f64>,
-    /// Length that converts an angle to the scale of positions: the standard deviation of a coordinate of the position over that of one of the
-    /// rotation vector, mm/rad.
+    /// Length that converts an angle to the scale of positions, mm/rad: the standard deviation of a position coordinate, divided by that of
+    /// a component of the rotation vector.
     pub mm_per_rad: f64,
-    /// The point, in the target's frame, whose measured position has noise that is independent of that of the rotation, mm. It is the target itself
-    /// (zero), or the board that a carried camera sees.
+    /// The point, in the target's frame, mm, at which the noise of the position is independent of the noise of the rotation: the target
+    /// itself (zero), or the board that a camera on the robot sees.
     pub lever_mm: Vector3<f64>,
 }
 
@@ -25,7 +25,7 @@ pub fn rotation_residual_rad(
     rotation_log(&(predicted.inverse() * measured.rotation))
 }
 
-/// Small motion of a target per unit of what moves it, in the measuring frame: a shift, and a rotation vector.
+/// Small motion of a target per unit of its cause, in the measuring frame: a shift, and a rotation vector.
 #[derive(Clone, Copy, Default)]
 pub struct Moved {
     /// mm.
@@ -98,11 +98,12 @@ impl<'a> MovedBy<'a> {
     }
 }
 
-/// From a small rotation δ of the prediction to the change of the prediction's rows. With w = log(E), E = R_predᵀ·R_meas: log(exp(−R_predᵀ·δ)·E) = w
-/// − J(w)⁻¹·R_predᵀ·δ, J the left Jacobian [Chirikjian 2011, eq. 10.86]. The residual changes by the negative.
+/// Matrix that converts a small rotation δ of the prediction to the change of its rotation rows. With w = log(E), E = R_predᵀ·R_meas:
+/// log(exp(−R_predᵀ·δ)·E) = w − J(w)⁻¹·R_predᵀ·δ, with J the left Jacobian [Chirikjian 2011, eq. 10.86]. The residual changes by the
+/// negative.
 pub fn rows_by_turn(predicted: &Rotation3<f64>, measured: &MeasuredRotation) -> Matrix3<f64> {
     let w = rotation_residual_rad(predicted, measured);
-    // singular only at whole turns; w is at most half a turn
+    // Singular only at whole turns, but w is at most half a turn.
     let inverse = left_jacobian(&w)
         .try_inverse()
         .unwrap_or_else(Matrix3::identity);

@@ -7,7 +7,7 @@
 use crate::identification::KinematicModel;
 use crate::identification::model::parameters::{Parameter, apply, deviation_from};
 
-/// A parameter is at a bound if its distance from it is at most this share of the prior's std plus the bound's size.
+/// A parameter is at a bound if its distance from the bound is at most this share of the prior's std plus the bound's absolute value.
 const AT_BOUND: f64 = 1e-9;
 
 /// Prior of one parameter, relative to the reference, mm or rad.
@@ -25,7 +25,7 @@ pub struct Prior {
     pub max: f64,
 }
 
-/// The priors of a fit. The base's rotation has none: it has no value that could be known before the instrument is set up.
+/// The priors of a fit. The base's rotation has no prior, because it is unknown before the instrument is set up.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Priors {
     /// One for each parameter that has a prior.

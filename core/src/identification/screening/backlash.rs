@@ -1,13 +1,13 @@
-//! Backlash: where an arm stands depends on the side from which a joint came.
+//! Backlash: the arm's position depends on the side from which a joint reached its value.
+//! By order: the side follows from the measuring order, because the pose before has a smaller or a larger joint value. A joint that hardly
+//! moved keeps its side. Each joint's backlash is one parameter, the coefficient of the joint's effect times ±½. It is fitted together with
+//! the robot and its misfit. The largest gain must exceed what noise gives for any joint (Bonferroni), and the gain in random orders of the
+//! configurations. Backlash is searched in one joint after another.
 //!
-//! The side from which each joint reached a pose follows from the measuring order: the pose before has a smaller or a larger joint value. A joint that
-//! hardly moved keeps its side. Each joint's play is one number, the coefficient of the joint's effect times ±½, beside the fit and the misfit of the
-//! robot. The largest gain has to be larger than noise makes it for any joint (Bonferroni) and larger than in random orders of the configurations.
-//! Play is looked for in one joint after another.
-//!
-//! The pose before may not be in the file: an arm goes to the same pose from above and from below through poses that nobody measured. Then visits of
-//! one pose differ along the effect of that joint, and not across it. F compares both scatters over all poses that were visited several times. A drift
-//! moves all poses alike, and a joint moves each in its own direction: F has to be larger than with the joint's effects exchanged between poses.
+//! By repeats: the pose before may not be in the file, e.g. if an arm goes to the same pose from above and from below through poses that
+//! nobody measured. Visits of one pose then differ along the effect of that joint and not across it. F compares both scatters over all
+//! poses that were visited several times. A drift moves all poses alike, but a joint moves each in its own direction. F must therefore
+//! exceed the values that result if the joint's effects are exchanged between poses.
 
 use crate::identification::screening::outliers::Linearised;
 use crate::identification::screening::row_order::{
@@ -20,22 +20,23 @@ use crate::solvers::products::side_by_side;
 use nalgebra::{DMatrix, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Probability of reporting play if there is none.
+/// Probability of reporting backlash if there is none.
 const FALSE_ALARMS: f64 = 0.002;
 /// Number of tests (by order and by repeats) that share this probability.
 const N_TESTS: f64 = 2.0;
-/// A joint that moves by less, rad (0.1°), keeps its side: joint values that were read scatter, and so small a move may not take up the play.
+/// A joint that moves by less, rad (0.1°), keeps its side: joint readings have noise, and such a small move may not take up the backlash.
 const MIN_MOVE_RAD: f64 = 0.1 * std::f64::consts::PI / 180.0;
-/// Minimum share of a joint's column that the fit leaves visible. A joint that always came from the same side has another zero, and nothing else.
+/// Minimum share of a joint's column that the fit leaves visible. If a joint always came from the same side, backlash only changes its
+/// zero.
 const MIN_VISIBLE_SHARE: f64 = 1e-3;
-/// Minimum number of poses that were visited several times: they can be exchanged in 720 ways.
+/// Minimum number of poses that were visited several times. Six poses can be exchanged in 720 ways.
 const MIN_POSES: usize = 6;
-/// Play that moves the points by less than this share of the noise of a coordinate (rms) is not reported, however many points show it.
+/// Backlash that moves the points by less than this share of the noise of a coordinate (rms) is not reported, however significant it is.
 const SMALLEST_EFFECT: f64 = 0.25;
-/// Joints that explain the points as well: noise makes the difference in likelihood in more than this share of cases.
+/// Another joint explains the points as well if noise alone causes the difference in likelihood in more than this share of cases.
 const AS_GOOD: f64 = 0.01;
 
-/// How play shows.
+/// How backlash shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ShownBy {
     /// By the side from which the pose before in the measuring order comes.
@@ -47,12 +48,12 @@ pub enum ShownBy {
     },
 }
 
-/// Play of a joint.
+/// Backlash of a joint.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Backlash {
     /// The joint, and others that explain the points as well; counted from 0.
     pub joints: Vec<usize>,
-    /// Difference of the joint between both sides, rad. It is positive if the arm lags behind the joint value.
+    /// Difference of the joint's position between both sides, rad. It is positive if the arm lags behind the joint value.
     pub play_rad: f64,
     /// Effect on a coordinate of a point (rms), mm.
     pub effect_mm: f64,
@@ -60,15 +61,15 @@ pub struct Backlash {
     pub shown_by: ShownBy,
 }
 
-/// What was found, and the columns with which a fit can follow it.
+/// The result, and the columns that a fit needs to include the backlash.
 pub struct Found {
-    /// Play, one entry per joint.
+    /// Backlash, one entry per joint.
     pub backlash: Vec<Backlash>,
     /// 3·N × k.
     pub columns: DMatrix<f64>,
 }
 
-/// A joint whose play was fitted.
+/// A joint whose backlash was fitted.
 struct Fitted {
     joint: usize,
     gain: f64,
@@ -95,7 +96,7 @@ impl Scatter {
 }
 
 impl InOrder<'_> {
-    /// The play of joints.
+    /// The backlash of all joints.
     pub fn backlash(&self) -> Found {
         let n_rows = self.linear.residuals.len();
         let mut found = Found {
@@ -122,7 +123,7 @@ impl InOrder<'_> {
         self.joints.first().map_or(0, |effects| effects.ncols())
     }
 
-    /// Side from which a joint reached each point if the points were measured in this order: 1 from below, −1 from above, 0 before its first move.
+    /// Side from which a joint reached each point, for points measured in this order: 1 from below, −1 from above, 0 before its first move.
     fn sides(&self, places: &[usize], joint: usize) -> Vec<f64> {
         let mut sides = vec![0.0; places.len()];
         let mut side = 0.0;
@@ -152,7 +153,7 @@ impl InOrder<'_> {
     fn fitted_play(&self, problem: &Whitened, places: &[usize]) -> Vec<Fitted> {
         let fitted = |joint: usize| {
             let sides = self.sides(places, joint);
-            // the arm lags behind
+            // The arm lags behind the joint value.
             let factors: Vec<f64> = sides.iter().map(|side| -0.5 * side).collect();
             let column = self.column(joint, &factors);
             let gain = problem.fitted(&column)?;
@@ -167,7 +168,7 @@ impl InOrder<'_> {
         (0..self.n_joints()).filter_map(fitted).collect()
     }
 
-    /// The play that explains most by the measuring order, and its column.
+    /// The backlash that explains most by the measuring order, and its column.
     fn play_by_order(
         &self,
         linear: &Linearised,
@@ -206,7 +207,7 @@ impl InOrder<'_> {
             effect_mm,
             shown_by: ShownBy::Order,
         };
-        // before the joint's first move nobody knows its side
+        // Before a joint's first move, its side is unknown.
         let sides = self.sides(places, best.joint);
         let unknown: Vec<f64> = sides.iter().map(|side| 1.0 - side.abs()).collect();
         let column = side_by_side(&[&best.column, &self.column(best.joint, &unknown)]);
@@ -222,7 +223,7 @@ impl InOrder<'_> {
         })
     }
 
-    /// Points of the same target in the same configuration, where there are several.
+    /// Groups of points of the same target in the same configuration; only groups of several.
     fn poses(&self) -> Vec<Vec<usize>> {
         let mut visits: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
         for (place, key) in self.clusters.iter().zip(&self.targets).enumerate() {
@@ -269,7 +270,7 @@ impl InOrder<'_> {
         sum
     }
 
-    /// The side of each visit by where it lies along the effect of a joint: ½ or −½; 0 for points that were visited once.
+    /// Side of each visit, from its position along the effect of a joint: ½ or −½; 0 for points that were visited once.
     fn halves(&self, linear: &Linearised, poses: &[Vec<usize>], joint: usize) -> Vec<f64> {
         let mut halves = vec![0.0; self.clusters.len()];
         for visits in poses {
@@ -285,7 +286,7 @@ impl InOrder<'_> {
         halves
     }
 
-    /// Play by the visits of the same poses, whatever side they came from, and the column with which a fit can follow it.
+    /// Backlash from the visits of the same poses, whatever side they came from, and the column that a fit needs to include it.
     fn play_by_repeats(&self, linear: &Linearised) -> Option<(Backlash, DMatrix<f64>)> {
         let poses = self.poses();
         if poses.len() < MIN_POSES || !self.watch.goes_on() {
@@ -301,10 +302,10 @@ impl InOrder<'_> {
         let rounding = linear.rounding_mm * linear.rounding_mm;
         let noise = (scatter.across / (2.0 * freedom)).max(rounding);
         let of_play = scatter.along / freedom - noise;
-        // sides in turn make half the play the deviation of each visit from the middle of both
+        // If the sides alternate, each visit deviates from the middle by half the backlash.
         let square = of_play.max(0.0) * freedom / scatter.n_visits;
         let effect_mm = (square / 3.0).sqrt();
-        // the targets of a visit share its error, so together they count once
+        // The targets of a visit share its error, so together they count once.
         let configurations: BTreeSet<usize> = poses.iter().map(|p| self.clusters[p[0]]).collect();
         let independent = freedom * configurations.len() as f64 / poses.len() as f64;
         let ratio = scatter.along / freedom / noise;
@@ -323,7 +324,7 @@ impl InOrder<'_> {
         if !stands_out {
             return None;
         }
-        // a joint explains as well if its scatter is within chance of the best one's
+        // Another joint explains the points as well if its scatter differs from that of the best one only by chance.
         let log = |s: &Scatter| independent * (libm::log(s.along) + 2.0 * libm::log(s.across));
         let enough = chi_square_quantile(AS_GOOD, 1.0);
         let others = tried.iter().filter(|t| {

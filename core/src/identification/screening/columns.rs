@@ -1,4 +1,4 @@
-//! Effects of what may move or err during a measurement on each point, as columns of the linear problem.
+//! Effects of possible motions and errors during a measurement on each point, as columns of the linear problem.
 
 use crate::identification::KinematicModel;
 use crate::identification::least_squares::start::{centre_mm, spread_mm};
@@ -7,13 +7,13 @@ use crate::kinematics::jacobian::{LinkColumns, position_jacobian};
 use crate::kinematics::{Link, t_base_flange};
 use nalgebra::{Matrix3, Matrix3xX, SMatrix, Vector3};
 
-/// Effects of a motion of a target or of the base, of a joint and of growing links on each point, weighted.
+/// Effects on each point, weighted: of a motion of a target, of a motion of the base, of a joint, and of growing links.
 pub struct Columns {
     pub(super) target: Vec<Matrix3<f64>>,
     pub(super) base: Vec<SMatrix<f64, 3, 6>>,
     /// Effect of one rad of each joint, 3 × n.
     joints: Vec<Matrix3xX<f64>>,
-    /// Effect of lengths that all grow by their own amount: the vector from base to flange, mm.
+    /// Effect if each length grows in proportion to itself: the vector from base to flange, mm.
     growth: Vec<Vector3<f64>>,
     /// Centre of the base's rotation, mm, measuring frame.
     pub centre: Vector3<f64>,
@@ -74,12 +74,12 @@ impl Columns {
         &self.joints[point]
     }
 
-    /// Effect of lengths that all grow by their own amount, mm.
+    /// Effect if each length grows in proportion to itself, mm.
     pub fn growth(&self, point: usize) -> &Vector3<f64> {
         &self.growth[point]
     }
 
-    /// The columns of a motion of the base without a turn, 3 × 3.
+    /// The columns of a shift of the base without rotation, 3 × 3.
     pub fn base_shift(&self, point: usize) -> Matrix3<f64> {
         self.base[point].fixed_columns::<3>(0).into_owned()
     }

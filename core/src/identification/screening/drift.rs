@@ -1,12 +1,13 @@
 //! Drift of the base or of the instrument during the measurement: all points move by a vector that grows with time.
 //!
-//! Time runs from 0 at the first point to 1 at the last one, in measuring order. Three models are compared by their gain against their number of
-//! parameters [Schwarz 1978]: a ramp d·t; a warm-up d·(1 − exp(−t/τ)), relative to its value at t = 1; and a random walk, which is a sum of the first
-//! functions of Brownian motion [Karhunen & Loève] with its most probable variance. As for steps ([`steps`](crate::identification::screening::steps)),
-//! everything is computed with the inverse of V = I + λ·Φ·Φᵀ of the robot's misfit. A drift is reported if noise shows as much with a probability
-//! below [`FALSE_ALARMS`], and if it is larger than after random permutations of the configurations.
+//! Time runs from 0 at the first point to 1 at the last one, in measuring order. Three models are compared by their gain and their number
+//! of parameters [Schwarz 1978]: a ramp d·t; a warm-up d·(1 − exp(−t/τ)), relative to its value at t = 1; and a random walk, which is a sum
+//! of the first functions of Brownian motion [Karhunen & Loève] with its most probable variance. As for steps
+//! ([`steps`](crate::identification::screening::steps)), everything is computed with the inverse of V = I + λ·Φ·Φᵀ of the robot's misfit. A
+//! drift is reported on two conditions: noise gives as large a gain with a probability below [`FALSE_ALARMS`], and the gain is larger than
+//! after random permutations of the configurations.
 //!
-//! Poses that were visited several times show a drift without a model of the robot: only differences within a pose count.
+//! Poses that were visited several times show a drift without a model of the robot: only differences within a pose are used.
 
 use crate::identification::screening::outliers::Linearised;
 use crate::identification::screening::row_order::{
@@ -20,8 +21,8 @@ use crate::solvers::watch::Watch;
 use nalgebra::{DMatrix, Vector3};
 use std::collections::BTreeMap;
 
-/// Probability of reporting a drift if there is none. It is just below the required value: a smaller one leaves drifts of twice the noise unnamed that
-/// the visits of one pose show.
+/// Probability of reporting a drift if there is none. It is just below the required value. With a smaller one, drifts of twice the noise
+/// that show in the visits of one pose would not be reported.
 const FALSE_ALARMS: f64 = 0.008;
 /// Number of tests (models and repeated poses) that share the probability of a false alarm.
 const N_TESTS: f64 = 4.0;
@@ -29,12 +30,12 @@ const N_TESTS: f64 = 4.0;
 const TIME_CONSTANTS: [f64; 4] = [0.05, 0.1, 0.2, 0.4];
 /// A ramp is the warm-up with this very long time constant. A ramp has one parameter less.
 const RAMP_TIME_CONSTANT: f64 = 1e6;
-/// Maximum number of functions of the random walk, each with a period shorter than the last, and minimum number of points per function.
+/// Maximum number of functions of the random walk, each with a shorter period than the one before; minimum number of points per function.
 const WALK_FUNCTIONS: usize = 20;
 const POINTS_PER_FUNCTION: usize = 4;
 /// Maximum number of points that are used, evenly selected.
 const MAX_POINTS: usize = 3_000;
-/// A drift below this share of the noise of a coordinate is not reported, however many points show it.
+/// A drift below this share of the noise of a coordinate is not reported, however significant it is.
 const SMALLEST_EFFECT: f64 = 0.25;
 /// Minimum degrees of freedom for a conclusion.
 const MIN_FREE: f64 = 12.0;
@@ -42,14 +43,14 @@ const MIN_FREE: f64 = 12.0;
 /// Course of a drift over time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Course {
-    /// The same in each part of the session.
+    /// At the same rate during the whole session.
     Steady,
     /// Fast at first, then slower.
     WarmUp {
         /// Time after which 63 % of the drift is done, as a share of the session.
         time_constant: f64,
     },
-    /// To and fro, as a random walk.
+    /// Back and forth, as a random walk.
     Wandering,
 }
 
@@ -91,7 +92,7 @@ fn shifts(roots: &[f64], times: &[f64], of_time: impl Fn(f64) -> f64) -> DMatrix
     columns
 }
 
-/// Share of a warm-up that is done at time t, relative to t = 1.
+/// Share of a warm-up that is complete at time t, relative to t = 1.
 fn done(t: f64, time_constant: f64) -> f64 {
     libm::expm1(-t / time_constant) / libm::expm1(-1.0 / time_constant)
 }
@@ -121,7 +122,7 @@ fn walk(roots: &[f64], times: &[f64]) -> DMatrix<f64> {
     columns
 }
 
-/// A random walk as a random effect beside the misfit.
+/// A random walk as a random effect, in addition to the misfit.
 fn walk_effect(
     linear: &Linearised,
     features: &DMatrix<f64>,
@@ -134,7 +135,7 @@ fn walk_effect(
     random_effect(&y, &q, &whitener.whitened(walk))
 }
 
-/// The whitened problem of `linear`, with misfit and random walk as they are beside all columns of `all`.
+/// The whitened problem of `linear`. The variances of misfit and random walk are those estimated with all columns of `all`.
 fn beside_walk(
     linear: &Linearised,
     all: &Linearised,
@@ -160,8 +161,9 @@ pub struct Beside {
     pub freedom: f64,
 }
 
-/// Gain of the columns of a change in addition to a ramp, the best warm-up, and a random walk whose variance is estimated together with the change.
-/// Base and links drift: `growth` has the effect of links that all grow by their own length. `None` if nothing is left of the columns.
+/// Gain of the columns of a change if a drift is fitted too: a ramp, the best warm-up, and a random walk whose variance is estimated
+/// together with the change. Base and links may drift; `growth` is the effect of links that each grow in proportion to their length. `None`
+/// if nothing is left of the columns.
 pub fn beside_drift(
     linear: &Linearised,
     features: &DMatrix<f64>,
@@ -199,7 +201,7 @@ pub fn beside_drift(
 struct Fitted {
     course: Course,
     gain: Gain,
-    /// Probability that noise gives at least this gain.
+    /// Probability that noise gives a gain at least as large.
     probability: f64,
     /// Schwarz's criterion; smaller is better [Schwarz 1978].
     criterion: f64,
@@ -277,7 +279,7 @@ impl InOrder<'_> {
         let likelier = of_walk.map_or(0.0, |effect| effect.likelier) / design;
         let wandering =
             rows * libm::log(left.max(f64::MIN_POSITIVE)) / design - likelier + libm::log(rows);
-        // a variance is at its bound without a random walk [Self & Liang 1987]
+        // Without a random walk, the variance is at its bound [Self & Liang 1987].
         let by_chance = 0.5 * chi_square_tail(likelier, 1.0);
         let repeats = self.drift_by_repeats(&times);
         let of_repeats = repeats.as_ref().map_or(1.0, |repeats| repeats.probability);
@@ -307,7 +309,7 @@ impl InOrder<'_> {
         })
     }
 
-    /// True if the configurations were measured along a path: from point to point the joints move less than in random orders.
+    /// True if the configurations were measured along a path: from point to point, the joints move less than in random orders.
     fn is_path(&self) -> bool {
         let n = self.q_rad.len() as f64;
         let n_joints = self.q_rad.first().map_or(0, |q| q.len());
@@ -333,8 +335,8 @@ impl InOrder<'_> {
         })
     }
 
-    /// True if a ramp or a warm-up is significant beside a random walk that is estimated together with it. Along a path, whatever links cannot describe
-    /// changes with time: it looks like a random walk.
+    /// True if a ramp or a warm-up is significant when a random walk is estimated together with it. Along a path, effects that links cannot
+    /// describe change with time, and so look like a random walk.
     fn is_beside_walk(&self, times: &[f64], best: &Fitted, limit: f64) -> bool {
         let columns = shifts(&self.roots, times, |t| done(t, best.course.time_constant()));
         let all = self.linear.with(&columns);
@@ -363,10 +365,11 @@ impl InOrder<'_> {
         })
     }
 
-    /// A ramp fitted to the differences within poses of the same target that were visited several times. What the points of a target have in common at
-    /// one visit counts once, and so do the targets of a visit: they share the robot's repeatability.
+    /// A ramp fitted to the differences within poses of the same target that were visited several times. The points of a target at one
+    /// visit count once, because they have common errors. The targets of a visit count once too, because they share the robot's
+    /// repeatability.
     fn drift_by_repeats(&self, times: &[f64]) -> Option<ByRepeats> {
-        // by configuration and target
+        // By configuration and target.
         let mut visited: BTreeMap<usize, BTreeMap<usize, Vec<Visit>>> = BTreeMap::new();
         for visit in visits(&self.clusters) {
             let mut of_targets: BTreeMap<usize, Vec<usize>> = BTreeMap::new();

@@ -1,4 +1,4 @@
-//! What does not belong, what moved and what drifted while it was measured.
+//! Finds outliers, motions and drifts during the measurement.
 
 pub mod backlash;
 pub mod columns;

@@ -1,10 +1,10 @@
 //! Outlier detection from the linear problem at a fit, with an unknown number of outliers.
 //!
-//! Least squares spreads an outlier over its neighbours, so that its own residual does not show it. Two starts avoid this: the fit of least absolute
-//! lengths, and the deletion of points one after another by the residual that each would have if it were not fitted. Each start is continued by
-//! Tukey's biweight at the scale found there (an MM-estimate [Yohai 1987]). The result whose best nine tenths scatter least is kept (least trimmed
-//! squares [Rousseeuw 1984]). Points are then included and excluded until nothing changes. The criterion is the residual that each point would have
-//! if it were not fitted, over its standard deviation.
+//! Least squares spreads an outlier's error over its neighbours, so the outlier's own residual does not show it. Two starts avoid this: the
+//! fit of least absolute lengths, and the deletion of points one after another by their predicted residuals. The predicted residual of a
+//! point is the one that it would have if it were not fitted. Each start is continued by Tukey's biweight at the scale found there (an
+//! MM-estimate [Yohai 1987]). The result whose best nine tenths have the smallest scatter is kept (least trimmed squares [Rousseeuw 1984]).
+//! Points are then included and excluded until nothing changes. The criterion is a point's predicted residual over its standard deviation.
 
 use crate::identification::statistics::distributions::f_tail;
 use crate::solvers::loss::{Loss, TUKEY_C_95};
@@ -15,21 +15,21 @@ use nalgebra::{Cholesky, DMatrix, DMatrixView, DVector, Dyn, Matrix3, Vector3};
 use std::borrow::Cow;
 use std::cmp::Ordering;
 
-/// Minimum predicted residual of an outlier, in standard deviations: one in 10⁷ normal points.
+/// Minimum predicted residual of an outlier, in standard deviations: exceeded by one in 10⁷ normal points.
 const OUTLIER_SIGMAS: f64 = 6.0;
-/// Significance level of an outlier: noise shows a residual as large in at most one of a thousand sets of this size.
+/// Significance level of an outlier: in at most one of a thousand sets of this size, noise causes such a residual.
 const FALSE_ALARMS: f64 = 1e-3;
 /// Number of iterations of each start and of the biweight; the weights converge in about ten.
 const REWEIGHTINGS: usize = 30;
 /// Maximum number of rounds in which points are included and excluded.
 const EXCHANGES: usize = 20;
-/// Limit of points times rounds of deletions, and minimum number of rounds. Up to a thousand points are deleted one at a time. Of a hundred thousand
-/// points, a tenth of the possible outliers is deleted at a time.
+/// Limit of points times rounds of deletions, and minimum number of rounds. With up to a thousand points, one point is deleted at a time.
+/// With a hundred thousand points, a tenth of the possible outliers is deleted at a time.
 const DELETION_WORK: usize = 100_000;
 const MIN_DELETIONS: usize = 10;
 /// Maximum share of the points that the search treats as outliers.
 const MAX_OUTLIERS: f64 = 0.1;
-/// Number of points between two questions whether to go on.
+/// Number of points between two checks whether to stop.
 const POINTS_AT_ONCE: usize = 5_000;
 /// Median of the length of three standard normal numbers.
 const MEDIAN_LENGTH: f64 = 1.538_17;
@@ -58,7 +58,7 @@ pub struct Outliers {
     pub scale_mm: f64,
 }
 
-/// Errors that are expected along some directions beside the noise.
+/// Expected errors along some directions, in addition to the noise.
 pub struct ExpectedErrors<'a> {
     /// 3·N × k, orthonormal columns.
     pub directions: &'a DMatrix<f64>,
@@ -134,12 +134,12 @@ impl Linearised {
         self.residuals.len() / 3
     }
 
-    /// True if there are enough residuals to tell outliers: more than 1.5 times the number of combinations, plus 6.
+    /// True if there are enough residuals to find outliers: more than 1.5 times the number of combinations, plus 6.
     fn is_overdetermined(&self) -> bool {
         3 * self.n_points() > self.basis.ncols() + self.basis.ncols() / 2 + 6
     }
 
-    /// σ of one coordinate from the median length, without as many points as the fit can pass through exactly.
+    /// σ of one coordinate from the median length. As many points as the fit can pass through exactly are left out.
     fn median_scale(&self, residuals: &[Vector3<f64>]) -> f64 {
         let mut lengths: Vec<f64> = residuals.iter().map(Vector3::norm).collect();
         lengths.sort_by(f64::total_cmp);
@@ -148,15 +148,15 @@ impl Linearised {
         (rest[rest.len() / 2] / MEDIAN_LENGTH).max(self.rounding_mm)
     }
 
-    /// The outliers; none if there are too few points to tell.
-    /// A coordinate's standard deviation counts as at least `least_scale_mm`.
+    /// The outliers; `None` if there are too few points to find any. The standard deviation of a coordinate is at least `least_scale_mm`.
     pub fn outliers(&self, least_scale_mm: f64, watch: &Watch<'_>) -> Option<Outliers> {
         let least_scale_mm = least_scale_mm.max(self.rounding_mm);
         self.is_overdetermined()
             .then(|| Blocks::new(self, watch).outliers(least_scale_mm))?
     }
 
-    /// The outliers beside the expected errors. `found` are those that were found without them. `None` when the watch stops.
+    /// The outliers if errors are expected in addition to the noise. `found` are the outliers without these expected errors. `None` when
+    /// the watch stops.
     pub fn outliers_beside(
         &self,
         found: &Outliers,
@@ -303,7 +303,7 @@ impl<'a> Blocks<'a> {
                 .filter(|i| kept[*i])
                 .map(|i| (i, fit.surprise(i, true)))
                 .collect();
-            // among equal ones the last comes first
+            // Of equal ones, the last comes first.
             surprises.sort_by(|a, b| b.1.total_cmp(&a.1).then(b.0.cmp(&a.0)));
             surprises
                 .iter()
@@ -353,8 +353,8 @@ impl<'a> Blocks<'a> {
         self.exchanged(kept, least_scale_mm)
     }
 
-    /// The outliers from a first guess of the points that are none. Several outliers that the guess missed hide each other from least squares, but not from
-    /// the biweight.
+    /// The outliers, from a first guess of the good points. If the guess contains several outliers, they hide each other in least squares,
+    /// but not in the biweight.
     fn outliers_from(&self, guess: Vec<bool>, least_scale_mm: f64) -> Option<Outliers> {
         let residuals = self.biweight(self.keep(&guess)?.residuals);
         let least_mm = OUTLIER_SIGMAS * self.of.median_scale(&residuals).max(least_scale_mm);
@@ -366,7 +366,7 @@ impl<'a> Blocks<'a> {
         }
     }
 
-    /// Includes and excludes points until nothing changes. `kept` says which points are kept at first.
+    /// Includes and excludes points until nothing changes. `kept` are the initially kept points.
     fn exchanged(&self, mut kept: Vec<bool>, least_scale_mm: f64) -> Option<Outliers> {
         let n = self.of.n_points();
         let mut fit = self.keep(&kept).or_else(|| {

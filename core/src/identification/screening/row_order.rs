@@ -1,4 +1,5 @@
-//! Points in the order in which they were measured: how much points of one configuration err together, and random orders of the configurations.
+//! Points in measuring order. Computes how strongly the errors of one configuration's points are correlated, and makes random orders of the
+//! configurations.
 
 use crate::identification::screening::outliers::Linearised;
 use crate::solvers::watch::Watch;
@@ -9,7 +10,7 @@ use std::collections::BTreeMap;
 
 /// Maximum number of random orders. An effect must be larger than in every one of them.
 const ORDERS: usize = 199;
-/// Maximum of points times orders, so that a large set takes no longer than a small one; but at least [`MIN_ORDERS`].
+/// Maximum of points times orders, which limits the time for a large set; but at least [`MIN_ORDERS`] orders.
 const ORDERED_POINTS: usize = 24_000;
 /// Minimum number of random orders.
 const MIN_ORDERS: usize = 39;
@@ -35,7 +36,7 @@ pub struct InOrder<'a> {
     pub targets: Vec<usize>,
     /// Radius of the workspace, mm.
     pub reach_mm: f64,
-    /// Asked whether to go on.
+    /// Asked between parts of the work whether to stop.
     pub watch: &'a Watch<'a>,
 }
 
@@ -60,7 +61,7 @@ impl InOrder<'_> {
     }
 }
 
-/// The places of each configuration. `clusters` has the configuration of each place.
+/// The places of the points of each configuration. `clusters` has the configuration at each place.
 pub fn by_configuration(clusters: &[usize]) -> Vec<Vec<usize>> {
     let mut blocks: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
     for (place, cluster) in clusters.iter().enumerate() {
@@ -69,17 +70,18 @@ pub fn by_configuration(clusters: &[usize]) -> Vec<Vec<usize>> {
     blocks.into_values().collect()
 }
 
-/// Visits: stretches of points of one configuration, measured one after another. `clusters` has the configuration of each point.
+/// Visits: runs of points of one configuration, measured one after another. `clusters` has the configuration of each point.
 pub fn visits(clusters: &[usize]) -> Vec<Vec<usize>> {
     let places: Vec<usize> = (0..clusters.len()).collect();
     let same = |a: &usize, b: &usize| clusters[*a] == clusters[*b];
     places.chunk_by(same).map(<[usize]>::to_vec).collect()
 }
 
-/// Design effect: how much more the sums of residuals per configuration vary than sums of independent points; at least 1. `clusters` has the
-/// configuration of each point. A fit follows the errors of whole configurations, so both are counted by what the fit leaves of them.
+/// Design effect: ratio of the variance of the sums of residuals per configuration to that of sums of independent points; at least 1.
+/// `clusters` has the configuration of each point. A fit absorbs part of the errors of whole configurations, so both variances are computed
+/// from what it leaves.
 ///
-/// `fitted` has an orthonormal basis of what the fit followed, 3·N × r.
+/// `fitted` has an orthonormal basis of what the fit absorbs, 3·N × r.
 pub fn design_effect(
     residuals: &DVector<f64>,
     fitted: &DMatrix<f64>,
@@ -106,7 +108,7 @@ pub fn design_effect(
     (of_sums / left.sum::<f64>().max(1.0) / of_points).max(1.0)
 }
 
-/// True if `holds` is true for all random orders of the blocks, each with the places of one configuration. False if the watch stops.
+/// True if `holds` is true for every random order of the blocks. A block has the places of one configuration. False if the watch stops.
 pub fn holds_in_random_orders(
     mut blocks: Vec<Vec<usize>>,
     watch: &Watch<'_>,

@@ -1,11 +1,12 @@
-//! Errors that the points of one visit share: the arm stood elsewhere than its joint values say, or the instrument did.
+//! Errors that the points of one visit share: the arm was not where its joint values say, or the instrument had an error.
 //!
-//! A visit is a stretch of points of one configuration, measured one after another. Its points err together by J·δ, with J the effects of the joints
-//! and δ random errors of the joint values, or by one vector. Both are random effects beside the misfit of the robot. The likelier one is reported if
-//! noise shows as much with a probability below [`FALSE_ALARMS`], and if the points share more than each has by itself and more than a robot's
-//! repeatability: further points of a visit are then of no use.
+//! A visit is a run of points of one configuration, measured one after another. Its points share an error J·δ, with J the effects of the
+//! joints and δ random errors of the joint values; or they share one vector. Both are random effects in addition to the robot's misfit. The
+//! more likely one is reported on two conditions: noise gives as large an effect with a probability below [`FALSE_ALARMS`], and the shared
+//! error is larger than the error of each single point and than a robot's repeatability. Further points of a visit are then useless.
 //!
-//! A turn by δ moves targets differently, so the scatter about the means of visits is not the noise of a point. The random effect tells both apart.
+//! A rotation by δ moves targets differently, so the scatter about the means of visits is not the noise of a point. The random effect
+//! separates the two.
 
 use crate::identification::screening::row_order::{InOrder, visits};
 use crate::identification::screening::whitening::Whitener;
@@ -18,18 +19,20 @@ const FALSE_ALARMS: f64 = 0.002;
 const N_TESTS: f64 = 2.0;
 /// Maximum number of visits that are used, evenly selected.
 const MAX_VISITS: usize = 40;
-/// Maximum number of points of a visit that are used, evenly selected: its mean is then known well enough beside the spread of the visits.
+/// Maximum number of points of a visit that are used, evenly selected: its mean is then known well enough compared with the spread of the
+/// visits.
 const MAX_OF_VISIT: usize = 25;
-/// Standard deviation of a coordinate by the robot's repeatability, as a share of the reach. Makers state repeatabilities up to 1e-4 of the reach; by
-/// ISO 9283 that is the mean distance and three of its standard deviations: 3.6 standard deviations of a coordinate.
+/// Repeatability of robots: standard deviation of a coordinate, as a share of the reach. Makers state repeatabilities of up to 1e-4 of the
+/// reach. By ISO 9283, the stated value is the mean distance plus three of its standard deviations, which is 3.6 standard deviations of a
+/// coordinate.
 pub(super) const REPEATABILITY_PER_REACH: f64 = 1e-4 / 3.6;
 
 /// Errors that the points of one visit share.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SharedErrors {
-    /// Standard deviation of a coordinate, mm.
+    /// Standard deviation per coordinate of the shared error, mm.
     pub shared_mm: f64,
-    /// Standard deviation of a coordinate of each point by itself, mm.
+    /// Standard deviation per coordinate of the error that is independent from point to point, mm.
     pub own_mm: f64,
     /// Standard deviation of each joint value that explains them, rad; `None` if one vector per visit explains them better.
     pub joints_rad: Option<f64>,

@@ -1,18 +1,20 @@
 //! Steps in the residuals along the measuring order: something moved during the measurement.
 //!
-//! If a target slips before the k-th point, all later residuals of that target gain R·δ, with R the flange's orientation and δ the shift in the
-//! flange frame. If the base (or the instrument) moves, all later residuals gain a rigid motion. With y the residuals of a least-squares fit, P the
-//! projection out of the changes that its parameters can make, and B the columns of such a motion, the fit would improve by g = yᵀB·(BᵀPB)⁻¹·Bᵀy (the
-//! score test, which for a linear model is also the likelihood ratio). A robot's errors are a smooth function of its joints, and a path through the
-//! workspace makes them look like steps. Everything is therefore computed with the inverse of V = I + λ·Φ·Φᵀ. The features Φ are those of
-//! [`misfit`](crate::identification::statistics::misfit), and λ is their share in the residuals. The largest g has to pass four tests:
+//! If a target slips before the k-th point, all later residuals of that target gain R·δ, with R the flange's orientation and δ the shift in
+//! the flange frame. If the base (or the instrument) moves, all later residuals gain a rigid motion. Let y be the residuals of a
+//! least-squares fit, P the projection out of the changes that its parameters can make, and B the columns of such a motion. The fit would
+//! then improve by g = yᵀB·(BᵀPB)⁻¹·Bᵀy (the score test, which for a linear model is also the likelihood ratio). A robot's errors are a
+//! smooth function of its joints, so on a path through the workspace they look like steps. Everything is therefore computed with the
+//! inverse of V = I + λ·Φ·Φᵀ. The features Φ are those of [`misfit`](crate::identification::statistics::misfit), and λ is their share in
+//! the residuals. The largest g must pass four tests:
 //!
-//! - F = (g/d) / (left/freedom) is larger than noise makes it anywhere along the order (Bonferroni). Points of one configuration may err together: F
-//!   is divided by the ratio of the variation of their sums to that of independent points;
+//! - F = (g/d) / (left/freedom) is larger than noise makes it at any place (Bonferroni). Points of one configuration may have correlated
+//!   errors: F is divided by the ratio of the variation of their sums to that of independent points;
 //! - g is larger than after random permutations of the configurations. This holds for any distribution of the residuals;
-//! - the points on the smaller side have moved twice as far as all points scatter. Effects that no feature describes are not larger than that;
-//! - g is still significant beside a drift of the base ([`drift`](crate::identification::screening::drift)): a ramp, a warm-up, and a random walk whose variance
-//!   is estimated together with the step.
+//! - the points on the smaller side have moved by twice the scatter of all points. Effects that no feature describes are not larger than
+//!   that;
+//! - g is still significant if a drift of the base ([`drift`](crate::identification::screening::drift)) is fitted too: a ramp, a warm-up, and
+//!   a random walk whose variance is estimated together with the step.
 
 use crate::identification::screening::columns::Columns;
 use crate::identification::screening::drift::{Beside, beside_drift};
@@ -26,17 +28,18 @@ use nalgebra::{Const, DMatrix, Dyn, OMatrix, SMatrix, SVector, Vector3};
 /// Probability of reporting a step if there is none, over the whole order and all kinds. It is a fifth of the required value, because there are
 /// several rounds, and residuals are not quite normal.
 const FALSE_ALARMS: f64 = 0.002;
-/// Gains whose relative difference is smaller belong to the same points.
+/// Gains with a smaller relative difference are equal: they belong to the same points.
 const SAME_GAIN: f64 = 1e-9;
-/// A change is tried if the fit leaves at least this share of it visible; less is rounding.
+/// A change is tried if the fit leaves at least this share of it visible; a smaller share is rounding.
 const MIN_VISIBLE_SHARE: f64 = 1e-3;
-/// Minimum ratio of two mean squares: the motion of the points on the smaller side, and the residuals that are left. The points have to have moved
-/// twice as far as points scatter. Simulated and measured campaigns without motion reach 2.7; a slip of 2 mm in noise of 0.3 mm reaches 7.
+/// Minimum ratio of two mean squares: the motion of the points on the smaller side, and the remaining residuals. The points must have moved
+/// by twice the scatter. Simulated and measured sets without motion reach 2.7; a slip of 2 mm in noise of 0.3 mm reaches 7.
 const SMALLEST_EFFECT: f64 = 4.0;
-/// Minimum number of points on either side of a motion of the base: twelve coordinates for its six parameters. With three points, only three
-/// coordinates would be left to tell it from outliers, and the noise of a lever arm may hide them.
+/// Minimum number of points on either side of a motion of the base: twelve coordinates for its six parameters. With three points, only
+/// three coordinates would be left to distinguish the motion from outliers.
 const MIN_BASE_POINTS: usize = 4;
-/// Minimum number of points on either side of a motion of the base without a turn. Two points that noise with heavy tails has moved alike are not rare.
+/// Minimum number of points on either side of a shift of the base without rotation. Two points that move alike are common in noise with
+/// heavy tails.
 const MIN_SHIFTED_POINTS: usize = 3;
 /// Minimum number of points on either side of a slip of a target. A single point is treated separately.
 const MIN_TARGET_POINTS: usize = 2;
@@ -57,7 +60,8 @@ pub struct Step {
     pub moved: Moved,
     /// First point after the step (of that target).
     pub first: usize,
-    /// Displacement, mm: of a target in the flange frame, of the base in the measuring frame. A moved instrument shows with the opposite sign.
+    /// Displacement, mm: of a target in the flange frame, of the base in the measuring frame. A motion of the instrument appears as the
+    /// opposite motion of the base.
     pub shift_mm: Vector3<f64>,
     /// Rotation, rad: of the base about [`Columns::centre`] in the measuring frame, of a target of poses in its own frame.
     pub turn_rad: Vector3<f64>,
@@ -65,7 +69,7 @@ pub struct Step {
     pub is_one_point: bool,
 }
 
-/// What moved before one point: one target, all targets at once, or the base.
+/// A motion before one point: of one target, of all targets at once, or of the base.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Jump {
     /// The first point after it.
@@ -78,20 +82,20 @@ pub struct Jump {
     pub steps: Vec<Step>,
 }
 
-/// What a change is tried for.
+/// The kind of change that is tried.
 #[derive(Clone, Copy, Debug)]
 enum Kind {
     /// One target.
     Target(usize),
-    /// All targets at once, each by its own vector: the tool was knocked.
+    /// All targets at once, each by its own vector: the tool was hit.
     AllTargets,
     /// The base, or the instrument: six numbers.
     Base,
-    /// The same without a turn: three numbers, which fewer rows show.
+    /// A shift of the base without rotation: three parameters, which need fewer rows.
     BaseShift,
 }
 
-/// A campaign: the points in measuring order, with their fit.
+/// The points of a measurement in measuring order, with their fit.
 pub struct Campaign<'a> {
     /// The fit to the points of `order`, in the same order.
     pub linear: &'a Linearised,
@@ -109,7 +113,7 @@ pub struct Campaign<'a> {
     pub clusters: &'a [usize],
     /// Lower limit of a coordinate's standard deviation, mm.
     pub least_scale_mm: f64,
-    /// Asked between the random orders whether to go on.
+    /// Asked between the random orders whether to stop.
     pub watch: &'a Watch<'a>,
 }
 
@@ -139,7 +143,7 @@ impl Campaign<'_> {
         let tried = self.all_changes(&places);
         let n_tried = tried.len();
         let rows = 3.0 * n as f64;
-        // of all kinds of steps, the one that explains most for its number of unknowns [Schwarz 1978]
+        // Of all kinds of steps, the one that explains most for its number of unknowns [Schwarz 1978].
         let criterion = |t: &Tried| {
             rows * libm::log((left - t.gain).max(f64::MIN_POSITIVE))
                 + t.n_numbers as f64 * libm::log(rows)
@@ -261,8 +265,8 @@ impl Campaign<'_> {
         self.changes(Kind::BaseShift, places, fewest, block, tried);
     }
 
-    /// Tries a change before each of the `members` (indices into the order, in any order), following their order. Each side must have at least
-    /// `fewest` of them, or one alone if `lone` is true.
+    /// Tries a change before each of the `members` (indices into the order), in measuring order. Each side must have at least `fewest` of
+    /// them, or a single one if `lone` is true.
     fn changes<const D: usize>(
         &self,
         kind: Kind,
@@ -312,7 +316,7 @@ impl Campaign<'_> {
         self.problem.design_effect(clusters)
     }
 
-    /// True if the step is significant in addition to a drift of the base.
+    /// True if the step is still significant when a drift of the base is fitted too.
     fn is_no_drift(&self, best: &Tried, n_tried: usize) -> bool {
         let roots: Vec<f64> = self
             .order
@@ -372,7 +376,7 @@ impl Campaign<'_> {
         holds_in_random_orders(order, self.watch, |places| {
             let mut tried = Vec::new();
             match best.kind {
-                // for a single point only its position in the order is random, and any other point could be there
+                // For a single point, only its position in the order is random, and any other point could be there.
                 Kind::Target(_) if alone => return true,
                 Kind::Target(target) => {
                     let members: Vec<usize> = places
@@ -392,7 +396,7 @@ impl Campaign<'_> {
                 Kind::Base => self.changes_of_base(places, &mut tried),
                 Kind::BaseShift => self.changes_of_base_without_turn(places, &mut tried),
             }
-            // an order that divides the points in the same way gives the same gain, and does not count
+            // An order that divides the points in the same way gives the same gain and does not count.
             tried
                 .iter()
                 .all(|t| t.gain <= best.gain * (1.0 + SAME_GAIN))

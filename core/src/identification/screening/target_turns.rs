@@ -1,11 +1,13 @@
-//! Steps in the rotations of a target along the measuring order: a target of poses that was twisted on its holder. Its position need not show it.
+//! Steps in the rotations of a target along the measuring order: a target of poses that was twisted on its holder. Its position may not
+//! show this.
 //!
-//! With e_k = log(R_predictedᵀ·R_measured) the rotation vector of pose k in the frame of its target, all poses after a twist gain the same δ. Of all
-//! places with n₁ poses before and n₂ after, the one with the largest gain g = n₁·n₂/(n₁ + n₂)·|ē₂ − ē₁|² is taken, the likelihood ratio of a change
-//! in a mean. As for positions ([`steps`](crate::identification::screening::steps)), F = (g/3)/(rest/freedom) has to be larger than noise makes it at
-//! any place, g larger than in random orders of the configurations, and the smaller side has to have turned by twice what all poses scatter by. A steady
-//! turn that explains more than the step is none. Errors of the wrist's joints look like steps along a path through the workspace, and random orders break
-//! the path: a turn that is not larger than such errors is not told.
+//! Let e_k = log(R_predictedᵀ·R_measured) be the rotation vector of pose k in the frame of its target. All poses after a twist gain the
+//! same δ. Of all places with n₁ poses before and n₂ after, the one with the largest gain g = n₁·n₂/(n₁ + n₂)·|ē₂ − ē₁|² is taken; this is
+//! the likelihood ratio of a change of a mean. The tests are those for positions ([`steps`](crate::identification::screening::steps)): F =
+//! (g/3)/(rest/freedom) exceeds what noise gives at any place, g exceeds the gains in random orders of the configurations, and the smaller
+//! side has rotated by twice the scatter of all poses. If a steady rotation explains more than the step, no step is reported. Errors of the
+//! wrist's joints look like steps along a path through the workspace. Random orders break the path, so a twist that is not larger than such
+//! errors is not reported.
 
 use crate::identification::least_squares::hand_eye::{
     base_and_target_rotation, robustly, target_rotation,
@@ -21,20 +23,21 @@ use nalgebra::{DMatrix, DVector, Rotation3, Vector3};
 
 /// Probability of reporting a twist if there is none, over all places.
 const FALSE_ALARMS: f64 = 0.002;
-/// Minimum ratio of two mean squares: the turn of the poses on the smaller side, and the rotations that are left.
+/// Minimum ratio of two mean squares: the rotation of the poses on the smaller side, and the remaining rotations.
 const SMALLEST_EFFECT: f64 = 4.0;
-/// Smallest turn that is told, rad (0.3°): six times the usual error of an angle of a robot.
+/// Smallest twist that is reported, rad (0.3°): six times the usual error of a robot's angle.
 const SMALLEST_TURN_RAD: f64 = 0.3 * std::f64::consts::PI / 180.0;
 /// Minimum number of poses on either side.
 const MIN_POSES: usize = 3;
-/// Rotation vectors are shortened to this many times their median length, so that a few turned poses are no step.
+/// Rotation vectors are shortened to this multiple of their median length, so that a few turned poses do not look like a step.
 const MAX_TO_MEDIAN: f64 = 3.0;
-/// Numbers of base and target in the fit, and of the step.
+/// Number of fitted parameters: base and target, and the step.
 const N_FITTED_PARAMETERS: f64 = 6.0;
 const N_STEP_PARAMETERS: f64 = 3.0;
 
-/// The most significant twist of one target from one set-up: the first pair after it, and the rotation vector in the frame of the target, rad. Each pair is a flange in the base frame and its target in the measuring frame, in
-/// measuring order; `configurations` has the configuration of each. `None` if there is none, or if the watch stops.
+/// The most significant twist of one target from one set-up: the index of the first pair after it, and the rotation vector in the frame of
+/// the target, rad. Each pair has the flange in the base frame and its target in the measuring frame; the pairs are in measuring order.
+/// `configurations` has the configuration of each. `None` if there is no twist, or if the watch stops.
 pub fn target_turn(
     pairs: &[(Rotation3<f64>, Rotation3<f64>)],
     configurations: &[usize],
@@ -89,7 +92,7 @@ pub fn target_turn(
     (turn_rad.norm() >= SMALLEST_TURN_RAD).then_some((first, turn_rad))
 }
 
-/// First place after the change of the mean that explains most, and its gain.
+/// The change of the mean that explains most: the first place after it, and its gain.
 fn largest_gain(vectors: &[Vector3<f64>], order: &[usize]) -> Option<(usize, f64)> {
     let n = order.len();
     let all: Vector3<f64> = vectors.iter().sum();
@@ -105,7 +108,7 @@ fn largest_gain(vectors: &[Vector3<f64>], order: &[usize]) -> Option<(usize, f64
         .max_by(|a, b| a.1.total_cmp(&b.1))
 }
 
-/// What a turn that grows steadily from the first pose to the last one explains.
+/// Gain of a rotation that grows steadily from the first pose to the last.
 fn gain_of_steady_turn(vectors: &[Vector3<f64>]) -> f64 {
     let middle = (vectors.len() as f64 - 1.0) / 2.0;
     let time = |k: usize| k as f64 - middle;
@@ -118,7 +121,7 @@ fn gain_of_steady_turn(vectors: &[Vector3<f64>]) -> f64 {
     along.norm_squared() / squares
 }
 
-/// The turn between the poses before and after a place: base by the side with more poses, target by each.
+/// The rotation between the poses before and after a place. The base is fitted to the side with more poses, the target to each side.
 fn turn_rad(pairs: &[(Rotation3<f64>, Rotation3<f64>)], first: usize) -> Option<Vector3<f64>> {
     let (before, after) = pairs.split_at(first);
     let larger = if before.len() < after.len() {

@@ -1,4 +1,4 @@
-//! The linear problem at a fit with correlated errors: a robot's errors are a smooth function of its joints.
+//! The linear problem at a fit with correlated errors, because a robot's errors are a smooth function of its joints.
 
 use crate::identification::screening::outliers::{ExpectedErrors, Linearised};
 use crate::identification::screening::row_order::design_effect;
@@ -41,7 +41,7 @@ impl Whitener {
         })
     }
 
-    /// The errors that V expects beside the noise.
+    /// The errors that V contains in addition to the noise.
     pub fn expected(&self) -> ExpectedErrors<'_> {
         ExpectedErrors {
             directions: &self.u,

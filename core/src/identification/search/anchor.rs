@@ -10,7 +10,8 @@ use nalgebra::Vector3;
 
 /// Maximum number of Jacobian entries (32 MB). For larger problems no bound is used.
 const LARGEST: usize = 1 << 22;
-/// The bound takes half a multiply-add per pair of parameters, F about twenty per residual. With more pairs per residual the bound saves nothing.
+/// Maximum number of pairs of parameters per residual. The bound takes half a multiply-add per pair, F about twenty per residual. With more
+/// pairs, the bound saves nothing.
 const MAX_PAIRS_PER_RESIDUAL: usize = 40;
 /// The relative error of Householder's triangle and of sums of m terms is at most m times a small number of roundings [Higham, Accuracy and Stability
 /// of Numerical Algorithms, 2002, lemma 8.4 and theorem 19.4].

@@ -3,8 +3,8 @@
 //! The inputs are a particle's initial position, the outputs are the optimum that the run ended with. Both are link parameter deviations divided by
 //! the half-width of the search box. Cost and update rule of the swarm do not change.
 //!
-//! Positions are counted from the middle of the box, answers from the nominal robot. A swarm that searched around other joint offsets can thus teach
-//! the next one, whose box may be elsewhere.
+//! Positions are relative to the middle of the box, answers are relative to the nominal robot. So a swarm that searched around other joint
+//! offsets can train the network for a swarm whose box is elsewhere.
 
 use crate::identification::model::parameters::{Parameter, deviation_from};
 use crate::identification::model::search_space::SearchSpace;
@@ -13,10 +13,10 @@ use crate::kinematics::rotation::within_half_a_turn;
 use crate::solvers::bpnn::{self, Network};
 use crate::solvers::pso::{self, Positions};
 
-/// Mean squared error, in half-widths of the search box, at which training ends. If the network gave exactly the same answer for every particle, the
-/// swarm, which starts at rest, could not move. The spread of the particles that the network leaves is the region in which the follow-up searches.
-/// The paper prints no number. With its preset, any value from 1e-5 to 1e-2 gives about the same result (all under 15 of 404 iterations); a network
-/// trained for 10,000 epochs needs 44 to 85.
+/// Mean squared error, in half-widths of the search box, at which training ends. The paper prints no value. If the network gave exactly the
+/// same answer for every particle, the swarm, which starts at rest, could not move: the spread that the network leaves is the region in
+/// which the follow-up searches. With the paper's preset, any value from 1e-5 to 1e-2 gives about the same result (all under 15 of 404
+/// iterations); a network trained for 10,000 epochs needs 44 to 85.
 const TARGET_ERROR_PAPER: f64 = 1e-4;
 /// As [`TARGET_ERROR_PAPER`], for the default preset. A smaller value is better for an unchanged robot, a larger one for a changed robot.
 const TARGET_ERROR_DEFAULT: f64 = 5e-6;
@@ -72,7 +72,7 @@ pub fn train(
         hidden_weights: network.hidden_weights,
         hidden_thresholds: network.hidden_thresholds,
         output_weights: network.output_weights,
-        // outputs are sums minus thresholds
+        // Outputs are sums minus thresholds.
         output_thresholds: from_nominal(&network.output_thresholds, -1.0),
         model,
         preset,

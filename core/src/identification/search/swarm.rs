@@ -11,7 +11,7 @@ use crate::kinematics::batch::{
 use crate::solvers::pso::{self, Positions};
 use multiversion::multiversion;
 
-/// F of a swarm's particles, with everything prepared that stays the same between iterations.
+/// F of a swarm's particles, with everything prepared that does not change between iterations.
 pub struct SwarmCost<'a> {
     space: &'a SearchSpace,
     poses: PreparedPoses,
@@ -21,12 +21,13 @@ pub struct SwarmCost<'a> {
     lanes: Vec<SwarmLanes>,
 }
 
-/// Tests a lower bound before F is computed, and keeps the anchor of this bound. The test changes which F are computed, but not the result.
+/// Tests a lower bound before F is computed, and keeps the anchor of this bound. The test saves evaluations of F and does not change the
+/// result.
 struct BoundTest {
     anchor: Anchor,
     /// Number of evaluations since the anchor was last checked.
     n_evaluations: usize,
-    /// Number of evaluations to go without the bound: most particles improved, or are too far from the anchor.
+    /// Number of evaluations for which the bound is not used, because most particles improved or are too far from the anchor.
     n_paused: usize,
     coordinates: Vec<f64>,
     deviation: Vec<f64>,
@@ -34,9 +35,9 @@ struct BoundTest {
 
 /// The anchor is checked once in this many evaluations.
 const EVALUATIONS_PER_ANCHOR_CHECK: usize = 8;
-/// It is moved to a particle whose cost is smaller by this factor, because the bound's loss grows with the square of the distance.
+/// The anchor moves to a particle whose cost is smaller by this factor, because the bound's loss grows with the square of the distance.
 const ANCHOR_COST_RATIO: f64 = 4.0;
-/// Minimum share of the particles whose F the bound saves. With fewer, the bound is not worth its time, a tenth of that of F.
+/// Minimum share of the particles for which the bound saves F. Below it, the bound is not worth its time, which is a tenth of that of F.
 const MIN_SAVED_SHARE: f64 = 0.2;
 /// Number of evaluations without the bound if it saves too little.
 const PAUSE: usize = 4;
@@ -73,7 +74,7 @@ impl<'a> SwarmCost<'a> {
             lane_robots(space),
         );
         let elimination = Elimination::new(&robots, &poses);
-        // the lower bound holds for squares only
+        // The lower bound is valid for squares only.
         let anchor = if bound.is_none() {
             Anchor::at_reference(space, observations)
         } else {
@@ -118,15 +119,16 @@ impl<'a> SwarmCost<'a> {
         self.evaluate_below(positions, costs);
     }
 
-    /// Number of particles so far whose F was not needed: its lower bound exceeded the particle's bound.
+    /// Number of particles so far whose F was not computed, because its lower bound exceeded the particle's bound.
     pub fn n_skipped(&self) -> usize {
         self.n_skipped
     }
 
-    /// F of every particle that is not above its bound, mm²; some value above its bound for the others. On entry, `costs` has the bounds.
+    /// F of every particle whose F is not above its bound, mm²; for the others some value above the bound. On entry, `costs` has the
+    /// bounds.
     pub fn evaluate_below(&mut self, positions: &Positions, costs: &mut [f64]) {
         let (space, poses) = (self.space, &self.poses);
-        // no F exceeds +∞
+        // No F exceeds +∞, so infinite bounds need no test.
         let bound_test = self
             .bound_test
             .as_mut()
@@ -386,7 +388,7 @@ pub fn run_bounded_swarm(
         if space.prior_rows().all.is_empty() {
             return cost.evaluate_below(positions, costs);
         }
-        // the bounds are for F with the priors, so an early exit by F alone would not be exact
+        // The bounds are for F with the priors, so an early exit by F alone would not be exact.
         cost.evaluate(positions, costs);
         for (particle, cost) in costs.iter_mut().enumerate() {
             *cost += space

@@ -1,11 +1,11 @@
 //! Differences between two sessions of one robot, and whether they are significant.
 //!
-//! The most probable parameters of both sessions are compared, d = after − before. With a posterior covariance C and a prior covariance P, a
-//! session's estimate contains the share (I − C·P⁻¹) of the true parameters, plus noise. The variance of d is the noise of both sessions plus (C₁ −
-//! C₂)·P⁻¹·(C₁ − C₂). The robot's deviation from its prior and the misfit of the model are the same in both sessions, so they contribute only where
-//! the sessions show them differently. First there is one joint test of dᵀ·V⁻¹·d against Fisher's F. Parameters are named only if this test is
-//! significant, by forward selection: first the one that explains most, then the one that explains most of the rest, until the rest is not
-//! significant.
+//! The most probable parameters of both sessions are compared, d = after − before. With a posterior covariance C and a prior covariance P,
+//! a session's estimate contains the share (I − C·P⁻¹) of the true parameters, plus noise. The variance of d is the noise of both sessions
+//! plus (C₁ − C₂)·P⁻¹·(C₁ − C₂). The robot's deviation from its prior and the misfit of the model are the same in both sessions, so they
+//! contribute only if the sessions show them differently. First, one joint test compares dᵀ·V⁻¹·d with Fisher's F. Parameters are named
+//! only if this test is significant, by forward selection: first the one that explains most, then the one that explains most of the rest,
+//! until the rest is not significant.
 
 pub use crate::identification::statistics::difference::{Change, FALSE_ALARMS};
 pub use crate::identification::statistics::estimate::Estimate;
@@ -18,8 +18,8 @@ use crate::identification::statistics::difference::{
 use crate::identification::statistics::uncertainty::Uncertainty;
 use nalgebra::DMatrix;
 
-/// Changes below this share of [`usual_error`] do not count, however exact the data are: sessions are compared along derivatives, which are not
-/// exact.
+/// Changes below this share of [`usual_error`] do not count, however exact the data are. The comparison uses derivatives and is therefore
+/// not exact.
 const RESOLUTION: f64 = 1e-3;
 
 /// One joint test, and the changes if it is significant.
@@ -72,7 +72,7 @@ pub fn compare(before: &Estimate, after: &Estimate) -> Option<Comparison> {
     })
 }
 
-/// Compares where the base is in the measuring frame. `None` if it was not identified in both sessions.
+/// Compares the position and rotation of the base in the measuring frame. `None` if the base was not identified in both sessions.
 pub fn compare_base(before: &Estimate, after: &Estimate) -> Option<Tested> {
     let is_base = |p: &Parameter| {
         matches!(
@@ -84,8 +84,8 @@ pub fn compare_base(before: &Estimate, after: &Estimate) -> Option<Tested> {
     tested(before, after, &of_base, named_each)
 }
 
-/// Compares where one target is in the flange frame: `of_before` as it is numbered in the earlier session, `of_after` in the later one. `None` if the two
-/// sessions have nothing in common.
+/// Compares the position of one target in the flange frame. Its number is `of_before` in the earlier session and `of_after` in the later
+/// one. `None` if the two sessions have nothing in common.
 pub fn compare_target(
     before: &Estimate,
     of_before: usize,
@@ -129,7 +129,7 @@ fn common(
     .collect()
 }
 
-/// Names what changed, from the whitened difference.
+/// Names the changed parameters from the whitened difference.
 type Naming = fn(&Whitened) -> Vec<Change>;
 
 fn tested(
@@ -170,7 +170,7 @@ fn whitened(before: &Estimate, after: &Estimate, common: &[Common]) -> Option<Wh
     let at_before: Vec<usize> = common.iter().map(|c| c.before).collect();
     let at_after: Vec<usize> = common.iter().map(|c| c.after).collect();
     let (u, v) = (&before.uncertainty, &after.uncertainty);
-    // prior knowledge that both sessions share: parameters by name, and features if they are the same
+    // Prior knowledge that both sessions share: that of parameters with the same name, and of features if they are the same.
     let known = Known::new(before, after);
     let rows = |of: DMatrix<f64>, at: &[usize]| {
         DMatrix::from_fn(at.len(), of.ncols(), |row, column| {
@@ -206,7 +206,7 @@ fn whitened(before: &Estimate, after: &Estimate, common: &[Common]) -> Option<Wh
         (moved + v.mean(c.after) - u.mean(c.before)) / scale
     });
     let difference = DMatrix::from_iterator(common.len(), 1, difference);
-    // Satterthwaite (1946): the share of each part in the variance, averaged over the combinations
+    // Satterthwaite (1946): the share of each part in the variance, averaged over the combinations.
     let n = n_combinations.max(1) as f64;
     let share = |part: &DMatrix<f64>| root.solve(part).trace() / n;
     let spread: f64 = [(&noise[0], u.freedom), (&noise[1], v.freedom)]
@@ -252,7 +252,7 @@ impl Known {
             .iter()
             .map(|c| (c.before, c.after))
             .collect();
-        // joints that follow others have no prior
+        // Joints that follow others have no prior.
         let blocks = |of: &Estimate| {
             let Uncertainty {
                 n_parameters,
@@ -283,7 +283,7 @@ impl Known {
         }
     }
 
-    /// C·P⁻¹·S: effect of an error of each prior, one standard deviation, on the most probable values of a session.
+    /// C·P⁻¹·S: effect of an error of each prior, by one standard deviation, on the most probable values of a session.
     fn pull(&self, of: &Uncertainty, at: &[usize]) -> DMatrix<f64> {
         let covariance = of.covariance();
         DMatrix::from_fn(covariance.nrows(), at.len(), |i, k| {

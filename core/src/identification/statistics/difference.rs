@@ -7,13 +7,14 @@ use nalgebra::{DMatrix, DVector};
 
 /// Significance level: share of unchanged robots that are called changed.
 pub const FALSE_ALARMS: f64 = 0.01;
-/// Parameters cannot be told apart if the cosine between their effects on what both sessions see is at least this.
+/// Parameters are indistinguishable if the cosine between their effects on the common rows of both sessions is at least this.
 const SAME_EFFECT: f64 = 0.9999;
 /// See [`alike`].
 const MAX_STDS_APART: f64 = 3.0;
-/// Minimum part of a parameter's effect that the chosen parameters do not explain, for choosing it as well: the sine that belongs to [`SAME_EFFECT`].
+/// A parameter is chosen in addition only if at least this part of its effect is not explained by the parameters chosen before: the sine
+/// that belongs to [`SAME_EFFECT`].
 const MIN_OWN_EFFECT: f64 = 0.014;
-/// A parameter is not named if less than this share of it is observable: its change is then that of other parameters.
+/// A parameter is not named if less than this share of it is observable, because its change is then that of other parameters.
 const MIN_OBSERVABLE_SHARE: f64 = 0.05;
 /// Iteration limit of an eigenvalue decomposition.
 const EIGEN_ITERATIONS: usize = 10_000;
@@ -21,7 +22,7 @@ const EIGEN_ITERATIONS: usize = 10_000;
 /// One change.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Change {
-    /// The parameter that changed, or several that have the same effect on everything that both sessions see.
+    /// The parameter that changed, or several with the same effect on all common rows of both sessions.
     pub parameters: Vec<Parameter>,
     /// after − before of the first parameter, mm or rad.
     pub delta: f64,
@@ -37,7 +38,7 @@ impl Change {
     }
 }
 
-/// A difference between what was expected and what was seen, whitened to noise of unit variance in every row.
+/// A difference between expected and measured values, whitened to noise of unit variance in every row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Whitened {
     /// The difference.
@@ -104,7 +105,7 @@ pub(super) fn named_by_selection(whitened: &Whitened) -> Vec<Change> {
     together(whitened, &without_superfluous(whitened, chosen))
 }
 
-/// Removes parameters that later choices have made superfluous, the least important first, as long as the rest stays insignificant.
+/// Removes parameters that later choices made superfluous, the least important first, as long as the rest stays insignificant.
 fn without_superfluous(whitened: &Whitened, mut chosen: Vec<usize>) -> Vec<usize> {
     let n = whitened.n_combinations;
     while chosen.len() > 1 {
@@ -148,7 +149,7 @@ fn together(whitened: &Whitened, chosen: &[usize]) -> Vec<Change> {
     let Some(covariance) = pseudo_inverse(square.clone(), whitened.n_combinations) else {
         return vec![];
     };
-    // observable share of each parameter: 1, except in combinations that are not observable
+    // Observable share of each parameter: 1, except in combinations that are not observable.
     let seen = &covariance * square;
     let fitted = &covariance * effects.transpose() * &whitened.difference;
     let change = |(k, j): (usize, &usize)| Change {
@@ -194,8 +195,8 @@ fn pseudo_inverse(square: DMatrix<f64>, rank: usize) -> Option<DMatrix<f64>> {
     )
 }
 
-/// The parameters with the same effect on everything that both sessions see, the most probable one first. Parameters are left out if they would have
-/// to change by [`MAX_STDS_APART`] times as many standard deviations.
+/// The parameters with the same effect on all common rows of both sessions, the most probable first. A parameter is left out if its change
+/// would be more than [`MAX_STDS_APART`] times as many standard deviations.
 fn alike(whitened: &Whitened, chosen: usize) -> Vec<usize> {
     let effects = &whitened.effects;
     let direction = effects.column(chosen).normalize();

@@ -6,7 +6,7 @@ const MAX_TERMS: usize = 10_000;
 const CONVERGED: f64 = 1e-15;
 /// Replaces a zero denominator (Lentz 1976).
 const TINY: f64 = 1e-300;
-/// Maximum number of bisections: more than a double has bits.
+/// Maximum number of bisections: more than the number of bits of a double.
 const BISECTIONS: usize = 200;
 
 /// I_x(a, b), the regularised incomplete beta function (Abramowitz & Stegun 26.5.8, evaluated by Lentz's method).
@@ -14,7 +14,8 @@ fn incomplete_beta(a: f64, b: f64, x: f64) -> f64 {
     if x <= 0.0 || x >= 1.0 {
         return if x <= 0.0 { 0.0 } else { 1.0 };
     }
-    // the continued fraction converges fast on this side of the mode; the sides are chosen once, for rounding may put x on neither
+    // The continued fraction converges fast on this side of the mode. The side is chosen only once: after rounding, x may be on neither
+    // side.
     match x > (a + 1.0) / (a + b + 2.0) {
         true => 1.0 - beta_fraction(b, a, 1.0 - x),
         false => beta_fraction(a, b, x),
@@ -191,7 +192,7 @@ pub fn t_half_width(confidence: f64, freedom: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Here rounding once put x on neither side of the mode, and the two sides called each other without end.
+    /// Rounding once put x on neither side of the mode, and the two branches called each other without end.
     #[test]
     fn at_the_mode_of_a_symmetric_distribution_half_is_on_either_side() {
         let half = incomplete_beta(

@@ -68,8 +68,9 @@ impl Estimate {
     }
 }
 
-/// The standard deviation at a pose where corrections have the weight of their region, from that with corrections (`std_mm(true)`) and that of the links
-/// alone (`std_mm(false)`). The standard deviation of a weighted mean of two predictions is at most the mean of theirs.
+/// The standard deviation at a pose where the corrections have a weight between 0 and 1. It is computed from the standard deviations with
+/// corrections (`std_mm(true)`) and of the links alone (`std_mm(false)`): that of a weighted mean of two predictions is at most the
+/// weighted mean of theirs.
 pub fn faded(
     estimate: &Estimate,
     robot: &IdentifiedRobot,
@@ -92,9 +93,9 @@ pub fn faded(
 pub struct CorrectedErrors {
     /// The terms of the corrections.
     pub terms: Vec<Term>,
-    /// Gravity as it was known.
+    /// The direction of gravity that was used.
     pub mounting: Mounting,
-    /// Errors of the estimate's parameters, of the terms, and of the features of what both leave.
+    /// Errors of the estimate's parameters, of the terms, and of the features of the remaining misfit.
     pub uncertainty: Uncertainty,
 }
 

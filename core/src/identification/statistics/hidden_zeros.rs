@@ -1,10 +1,10 @@
-//! Joint zeros that a session hardly shows, because base and targets are placed on its own points.
+//! Joint zeros that a session hardly shows, because base and targets are fitted to its own points.
 //!
-//! Let J be the displacement of the points by a joint's zero, and P that by base and targets. The placement takes up the part of J in the span of P;
-//! J − P·P⁺·J is left. A session shows a zero as well as the region around it does if this part, as an rms over the points, is as large as over random
-//! configurations of that region: the ranges of the joints in the session, and a quarter turn to both sides for joints that move little. If joint 6 stands
-//! still, an error of joint 5 is a shift of the reflector, and nothing is left. A session in a part of the workspace says little of other parts, but it
-//! shows the robot there.
+//! Let J be the displacement of the points by a joint's zero, and P that by base and targets. The placement absorbs the part of J in the
+//! span of P; J − P·P⁺·J is left. Its rms over the session's points is compared with that over random configurations of the region around
+//! the session: the ranges of the joints in the session, and a quarter turn to both sides for joints that move little. Example: if joint 6
+//! does not move, an error of joint 5 is a shift of the reflector, and nothing is left. A session in a part of the workspace says little
+//! about other parts, but it is valid for its own.
 
 use crate::identification::KinematicModel;
 use crate::identification::model::objective::{Observation, weighted_jacobian};
@@ -14,12 +14,13 @@ use crate::solvers::orthonormal::span;
 use nalgebra::{DMatrix, Vector3};
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_3};
 
-/// A zero is hidden if the session shows less than this share of what it does over the region: the tool is then off by more than five times what the
-/// session shows.
+/// A zero is hidden if the session shows less than this share of what the region would show. The error of the tool is then more than five
+/// times what the session shows.
 pub const SHOWN: f64 = 0.2;
 /// A joint with a smaller range moves little, rad (60°). Its range is extended to a quarter turn to both sides of its middle.
 const SMALL_RANGE_RAD: f64 = FRAC_PI_3;
-/// The placement takes up a zero everywhere if less than this share of it is left over the region: that of the first and last joint.
+/// If less than this share of a zero's effect is left over the region, the placement absorbs the zero everywhere. This is so for the first
+/// and the last joint.
 const MIN_LEFT_SHARE: f64 = 1e-3;
 /// Number of configurations of the region.
 const N_CONFIGURATIONS: usize = 100;
@@ -37,8 +38,8 @@ pub struct HiddenZero {
     pub share: f64,
 }
 
-/// The hidden zeros of a session on which `placed` was placed. Each of `stations` has the points of one place of the instrument, with a base of its own.
-/// Points of weight 0 do not count.
+/// The hidden zeros of a session. `placed` is the robot placed on it. Each of `stations` has the points of one instrument position, with
+/// its own base. Points of weight 0 are ignored.
 pub fn hidden_zeros(placed: &KinematicModel, stations: &[Vec<&Observation>]) -> Vec<HiddenZero> {
     let n_points: usize = stations.iter().map(Vec::len).sum();
     let step = n_points.div_ceil(MAX_POINTS).max(1);
@@ -76,7 +77,7 @@ pub fn hidden_zeros(placed: &KinematicModel, stations: &[Vec<&Observation>]) -> 
         .collect()
 }
 
-/// The range of a joint in the session, or the larger one of a joint that moves little, rad.
+/// The range of a joint in the session, extended for a joint that moves little, rad.
 fn range(session: &[Observation], joint: usize) -> (f64, f64) {
     let values = session.iter().map(|o| o.q_rad[joint]);
     let (low, high) = values.fold((f64::MAX, f64::MIN), |(low, high), q| {
@@ -98,8 +99,8 @@ fn plain(observation: &Observation) -> Observation {
     }
 }
 
-/// For each joint: what is left of its zero's effect on the points after base and targets are placed on each station, and the whole effect, rms, mm per
-/// rad.
+/// For each joint, rms, mm per rad: the effect of its zero on the points that is left after base and targets are fitted to each station,
+/// and the whole effect.
 fn left(model: &KinematicModel, stations: &[Vec<Observation>]) -> Option<Vec<(f64, f64)>> {
     let zeros: Vec<Parameter> = (0..model.links.len())
         .map(|link| Parameter::Link(link, Quantity::ThetaOffset))

@@ -13,12 +13,13 @@ use std::f64::consts::PI;
 
 /// Orders of the harmonics that a misfit covers. Harmonics of higher orders look like noise.
 pub const HARMONICS: [usize; 4] = [1, 2, 3, 4];
-/// Number of joints before it that a joint is supposed to follow.
+/// A joint may follow each of this many joints before it.
 const FOLLOWED: usize = 2;
-/// Smallest range of a joint's values, rad, for being followed: the effect of a joint that stands still is that of another joint's zero.
+/// Minimum range of a joint, rad, for being followed. If it does not move, the effect is that of the other joint's zero.
 const MIN_FOLLOWED_RANGE_RAD: f64 = 0.2;
 
-/// A joint that turns by a share of another joint's value, in addition to its own: gears of a wrist that are not compensated. Joints count from 0.
+/// A joint that rotates by a share of another joint's value, in addition to its own: wrist gears that the controller does not compensate.
+/// Joints count from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Following {
     /// The joint.
@@ -48,9 +49,9 @@ impl Following {
 /// The sources of a misfit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Misfit {
-    /// Joints that follow other joints. They have the first features.
+    /// Joints that follow other joints. Their features come first.
     pub followings: Vec<Following>,
-    /// Orders of harmonics of each joint's own value. The second features are those of higher orders than the first.
+    /// Orders of harmonics of each joint's own value. The features of orders above 1 come second.
     pub harmonics: Vec<usize>,
     /// Directions of gravity, in the base frame.
     pub gravity: Vec<Vector3<f64>>,
@@ -61,10 +62,10 @@ pub struct Misfit {
 impl Misfit {
     /// The features at some poses: displacement of the target, mm, per rad of each feature, times sqrt(weight); 3·N × m.
     ///
-    /// First come the joints that follow others: q/π of the followed joint. Then every joint rotates by the harmonics sin kq/k and cos kq/k of its own
-    /// value, of higher orders than the first. Then every joint rotates by the moments about its axis of unit masses at each later link's origin and
-    /// at the target, under each direction of gravity (divided by the arm's reach, so that a feature is at most about 1), and by the first harmonics.
-    /// The held parameters come last, with lengths and angles scaled by the ratio of their errors in new robots.
+    /// First come the joints that follow others: q/π of the followed joint. Then every joint rotates by the harmonics sin kq/k and cos kq/k
+    /// of its own value, for orders above 1. Then every joint rotates by moments about its axis, of unit masses at each later link's origin
+    /// and at the target, under each direction of gravity (divided by the arm's reach, so that a feature is at most about 1); and by the
+    /// first harmonics. The held parameters come last, with lengths and angles scaled by the ratio of their errors in new robots.
     pub fn features<'a>(
         &self,
         model: &KinematicModel,
@@ -104,7 +105,7 @@ impl Misfit {
         let root_mm = pose.weight.sqrt() * measured.mm_per_rad;
         let reach_mm = reach_mm(&model.links).max(f64::MIN_POSITIVE);
         let target = model.targets_mm[pose.target];
-        // a rotation of a joint turns the flange about its axis
+        // A rotation of a joint rotates the flange about its axis.
         let turned = self.effects(model, (&pose.q_rad, &target), reach_mm, |axis, _| *axis);
         for (column, turn) in turned.into_iter().enumerate() {
             let row = predicted.inverse_transform_vector(&turn) * root_mm;
@@ -162,7 +163,7 @@ impl Misfit {
         self.higher_orders().eq(other.higher_orders())
     }
 
-    /// True if all other sources, apart from joints that follow others, are those of `other`.
+    /// True if all other sources are the same, apart from joints that follow others.
     pub fn has_same_usual_sources(&self, other: &Self) -> bool {
         let has_first = |of: &Self| of.harmonics.contains(&1);
         has_first(self) == has_first(other)

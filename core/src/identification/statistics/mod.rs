@@ -1,4 +1,4 @@
-//! How sure the identified robot is, and whether two sessions show the same robot.
+//! Uncertainty of the identified robot, and tests whether two sessions show the same robot.
 
 pub mod changes;
 mod difference;

@@ -2,11 +2,12 @@
 //!
 //! The model is `r = J·δ + Φ·u + B·b + E·c + e`, 3·N rows in mm, measured − predicted by the earlier estimate:
 //!
-//! - δ and u: errors of the earlier parameters, and effects that links cannot describe. The root of their mean square error was stored with the
-//!   estimate; D is the effect of its columns on these points;
-//! - b: base and targets, without prior knowledge, if they were placed anew;
-//! - e: white noise of a coordinate, which is the larger of the earlier session's noise and the instrument's stated noise of the point; and the
-//!   errors that points of one configuration share, as in the earlier session. Points of one configuration are never treated as independent;
+//! - δ and u: errors of the earlier parameters, and effects that links cannot describe. The root of their mean square error is stored with
+//!   the estimate; D is the effect of its columns on these points;
+//! - b: base and targets, without prior knowledge, if they are fitted anew;
+//! - e: white noise of a coordinate, which is the larger of two: the earlier session's noise, and the instrument's stated noise of the point.
+//!   Also the errors that points of one configuration share, as in the earlier session. Points of one configuration are never treated as
+//!   independent;
 //! - c: a change since then. An unchanged robot has c = 0.
 //!
 //! With V = D·Dᵀ + noise = L·Lᵀ and Q the orthonormal columns that span L⁻¹·B, z = (I − Q·Qᵀ)·L⁻¹·r has m = 3·N − rank Q dimensions. |z|²/m is
@@ -38,8 +39,8 @@ const MIN_NOISE_PER_REACH: f64 = 1e-5;
 const OUTSTANDING_SHARE: f64 = 0.5;
 /// Minimum share of an effect that the placement must leave; less is rounding. For causes it is a share of the largest effect of a usual error.
 const MIN_VISIBLE_SHARE: f64 = 1e-6;
-/// Largest detectable rotation of a zero, rad. If more would be needed, the reflector hardly leaves the joint's axis, and the linearisation does not
-/// hold.
+/// Largest detectable rotation of a zero, rad. If the necessary rotation is larger, the reflector is so near the joint's axis that the
+/// linearisation is invalid.
 const MAX_TURN_RAD: f64 = 0.1;
 /// Minimum degrees of freedom of the earlier noise for a decision.
 const MIN_FREEDOM: f64 = 5.0;
@@ -51,22 +52,23 @@ const SVD_ITERATIONS: usize = 10_000;
 pub struct Poses<'a> {
     /// The earlier estimate.
     pub before: &'a Estimate,
-    /// Its links, with base and targets as in the estimate, or as they were placed anew.
+    /// The links of the estimate, with its base and targets or with those that were fitted anew.
     pub model: &'a KinematicModel,
-    /// The points, with rotations only where these place the point of a lever; targets numbered as in `model`.
+    /// The points, with targets numbered as in `model`. They have rotations only if these are needed for the position at a lever.
     pub observations: &'a [Observation],
     /// Configuration number of each point.
     pub configurations: &'a [usize],
     /// Stated noise of a coordinate of each point, mm; 0 if nothing is stated.
     pub stated_std_mm: &'a [f64],
-    /// True if base and targets were placed anew.
+    /// True if base and targets are fitted anew.
     pub is_placed_anew: bool,
 }
 
 /// The smallest change of one kind that the test detects with probability [`POWER`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Detectable {
-    /// The change, mm or rad. `None` if these poses do not show it: the placement absorbs it, or the reflector hardly leaves the joint's axis.
+    /// The change, mm or rad. `None` if these poses do not show it: the placement absorbs it, or the reflector is almost on the joint's
+    /// axis.
     pub change: Option<f64>,
     /// Displacement of the target by that change, rms over these points, mm.
     pub tool_mm: Option<f64>,
@@ -79,7 +81,7 @@ pub struct Detectable {
 pub struct Checked {
     /// |z|².
     pub statistic: f64,
-    /// m: number of equations minus the number of placed parameters.
+    /// m: number of equations minus the number of placement parameters.
     pub n_combinations: usize,
     /// ν.
     pub freedom: f64,
@@ -93,7 +95,7 @@ pub struct Checked {
     pub base: Detectable,
     /// Smallest detectable shift of each target, in the least visible direction.
     pub targets: Vec<Detectable>,
-    /// Index of the configuration that has more than half of the statistic by itself, if there is one.
+    /// Index of the configuration that alone has more than half of the statistic, if there is one.
     pub largest_configuration: Option<usize>,
     whitened: Whitened,
 }
@@ -198,7 +200,7 @@ impl Checked {
         let all = &self.whitened;
         let effect = |k: usize| all.effects.column(k).norm();
         let largest = (0..all.parameters.len()).map(effect).fold(0.0, f64::max);
-        // effects that the placement absorbs leave only rounding, which explains nothing
+        // Effects that the placement absorbs leave only rounding, which explains nothing.
         let is_seen = |k: usize| effect(k) > MIN_VISIBLE_SHARE * largest;
         let chosen: Vec<usize> = (0..all.parameters.len())
             .filter(|k| belongs(&all.parameters[*k]) && is_seen(*k))
@@ -207,7 +209,7 @@ impl Checked {
     }
 }
 
-/// Parameters of the links; also those of base and targets, if they were not placed anew.
+/// Parameters of the links; also those of base and targets, unless they are fitted anew.
 fn candidates(poses: &Poses<'_>, placement: &[Parameter]) -> Vec<Parameter> {
     let quantities = [
         Quantity::ThetaOffset,
@@ -226,7 +228,7 @@ fn candidates(poses: &Poses<'_>, placement: &[Parameter]) -> Vec<Parameter> {
     of_links.chain(placement.copied()).collect()
 }
 
-/// ∂(predicted position)/∂(parameter), 3·N × p, mm per mm or rad. Of the rows of a pose these are the first three.
+/// ∂(predicted position)/∂(parameter), 3·N × p, mm per mm or rad: for a pose, the first three of its rows.
 fn jacobian(poses: &Poses<'_>, parameters: &[Parameter]) -> DMatrix<f64> {
     let mut all = DMatrix::zeros(3 * poses.observations.len(), parameters.len());
     for (i, o) in poses.observations.iter().enumerate() {
@@ -250,7 +252,7 @@ fn covariance_mm2(poses: &Poses<'_>) -> DMatrix<f64> {
     } = *poses;
     let known = &before.uncertainty;
     let p = known.n_parameters;
-    // base and targets of the earlier session are not those that were placed anew
+    // Base and targets that are fitted anew differ from those of the earlier session.
     let counts = |parameter: &Parameter| !poses.is_placed_anew || parameter.is_link();
     let rows: Vec<usize> = (0..p).filter(|j| counts(&before.parameters[*j])).collect();
     let parameters: Vec<Parameter> = rows.iter().map(|j| before.parameters[*j]).collect();

@@ -5,19 +5,18 @@
 //! `residual = J·δ + Φ·u + c + e`
 //!
 //! - δ: deviations of the parameters from the identified ones, with the priors of the estimate;
-//! - u: effects that links cannot describe: the features Φ of [`misfit`](super::misfit), each normal about 0 with standard deviation σm. Harmonics of
-//!   higher orders than the first have a σm of their own. A joint that follows another one has no prior, and is a part of the problem only if it is
-//!   significant;
+//! - u: effects that links cannot describe: the features Φ of [`misfit`](super::misfit), each normal about 0 with standard deviation σm.
+//!   Harmonics of orders above 1 have their own σm. A joint that follows another one has no prior, and is included only if it is significant;
 //! - c: the error that all points of one configuration share, σc;
 //! - e: white noise of the instrument and of the robot's repeatability, σ. If it differs between directions, all rows are whitened first.
 //!
-//! σ and σm are the most probable ones [MacKay 1992], σm with a half-Cauchy prior [Gelman 2006]; σc comes from an analysis of variance. The posterior
-//! of δ and u has a mean and a covariance. The identified robot has δ = 0 and u = 0, so the mean is an error of it. The mean counts as one more
-//! standard deviation in addition to those of the covariance. With many poses, u is known and the error tends to the mean: it neither vanishes nor
-//! grows.
+//! σ and σm are the most probable ones [MacKay 1992], σm with a half-Cauchy prior [Gelman 2006]; σc comes from an analysis of variance. The
+//! posterior of δ and u has a mean and a covariance. The identified robot has δ = 0 and u = 0, so the mean is its error, which counts as
+//! one more standard deviation in addition to those of the covariance. With many poses, u becomes known and the stated error tends to the
+//! mean; it neither vanishes nor grows without limit.
 //!
-//! The uncertainty of a robot with corrections is that of the same problem at the fit of links and corrections: δ then has the terms of the corrections
-//! too, and u is what these leave.
+//! The uncertainty of a robot with corrections is computed from the same problem at the fit of links and corrections: δ then includes the
+//! terms of the corrections, and u is the remaining misfit.
 
 use crate::identification::KinematicModel;
 use crate::identification::least_squares::estimate::evidence_at;
@@ -39,14 +38,15 @@ pub struct Uncertainty {
     pub configuration_std_mm: f64,
     /// σm, rad per unit feature, the larger of both; 0 if none is significant.
     pub misfit_std_rad: f64,
-    /// Root of the mean square error, (p + t + m) × k: the p parameters in mm or rad, the t terms of corrections, then the m features in rad (none of
-    /// those that are not significant). Each column is one standard deviation of an independent cause. The last column is the mean of the posterior.
+    /// Root of the mean square error, (p + t + m) × k: rows for the p parameters in mm or rad, the t terms of corrections, and the m
+    /// features in rad (without those that are not significant). Each column is one standard deviation of an independent cause. The last
+    /// column is the mean of the posterior.
     pub root: DMatrix<f64>,
     /// Effect of the noise alone on the most probable values, (p + m) × k.
     pub of_noise: DMatrix<f64>,
     /// Prior standard deviation of each parameter and feature, mm or rad.
     pub prior_std: Vec<f64>,
-    /// The misfit that the features belong to: the joints that were found to follow others, and the other sources unless σm is 0.
+    /// The misfit of these features: the joints that were found to follow others, and the other sources unless σm is 0.
     pub features: Misfit,
     /// Number of parameters, p.
     pub n_parameters: usize,
@@ -112,7 +112,7 @@ pub fn uncertainty(session: Session<'_>) -> Option<Uncertainty> {
             vec![]
         },
     };
-    // the placements of stations are not needed outside
+    // The placements of stations are not needed by the caller.
     let stations = columns.stations();
     let kept: Vec<usize> = (0..posterior.step.len())
         .filter(|j| !stations.contains(j))

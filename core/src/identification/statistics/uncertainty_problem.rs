@@ -17,7 +17,7 @@ use std::ops::Range;
 const SIGNIFICANCE_LEVEL: f64 = 0.05;
 /// Maximum of σc²/σ², for points of a configuration that agree to the last bit.
 const MAX_SHARED: f64 = 1e6;
-/// Number of points that are reduced to a triangle at once, so that memory does not grow with the points.
+/// Number of points that are reduced to a triangle at once, so that memory does not grow with the number of points.
 const POINTS_AT_ONCE: usize = 200;
 
 /// The points of a session at its fit.
@@ -26,17 +26,17 @@ pub struct Session<'a> {
     pub model: &'a KinematicModel,
     /// Its problem, with the priors of its parameters.
     pub problem: &'a Problem<'a>,
-    /// The problem's observations, all with nonzero weight.
+    /// The observations of the problem, all with nonzero weight.
     pub observations: &'a [Observation],
     /// Configuration number of each observation.
     pub configurations: &'a [usize],
     /// The instrument's station of each observation, from 0; `None` for the reference station, in whose frame the model is.
     pub stations: &'a [Option<usize>],
-    /// The corrections that were fitted together with the links; their effect is a part of the prediction.
+    /// The corrections that were fitted together with the links; their effect is part of the prediction.
     pub corrections: Option<FittedCorrections<'a>>,
     /// The misfit of the links, or of links and corrections.
     pub misfit: Misfit,
-    /// Asked between parts of the work whether to go on. After a stop the result is not valid.
+    /// Asked between parts of the work whether to stop. After a stop the result is not valid.
     pub watch: &'a Watch<'a>,
 }
 
@@ -44,13 +44,13 @@ pub struct Session<'a> {
 pub struct FittedCorrections<'a> {
     /// Links, terms and their values.
     pub fitted: &'a Fitted,
-    /// The corrections without a residual network: what the network takes away counts as misfit and noise.
+    /// The corrections without a residual network. What the network corrects counts as misfit and noise.
     pub corrections: Corrections,
-    /// Gravity as it was known.
+    /// The direction of gravity that was used.
     pub mounting: Mounting,
     /// Prior standard deviation of each term.
     pub widths: Vec<f64>,
-    /// The fit of links alone to the same points, and those points as it places them. The priors of the links are as wide as there.
+    /// The fit of the links alone to the same points, and those points in its placement. It determines the widths of the links' priors.
     pub links_alone: (&'a KinematicModel, &'a Problem<'a>),
 }
 
@@ -218,7 +218,7 @@ impl<'a> Rows<'a> {
         let residuals = self.of_model(points, &mut matrix);
         for (k, point) in points.iter().enumerate() {
             let o = &observations[point.observation];
-            // positions at a lever depend on rotations, too
+            // Positions at a lever depend on rotations too.
             let coupling = o.coupling().filter(|_| !point.is_rotation);
             if point.is_rotation || coupling.is_some() {
                 let turns = -misfit.turns(model, o);
@@ -229,7 +229,7 @@ impl<'a> Rows<'a> {
                     None => here.copy_from(&turns),
                 }
             }
-            // a displaced station moves what was measured from it
+            // A displaced station moves everything that was measured from it.
             if let Some(station) = stations[point.observation] {
                 let first = self.columns.n_parameters + 6 * station;
                 let turned = turned_by_station(model, o).filter(|_| point.is_rotation);
@@ -295,7 +295,7 @@ impl<'a> Rows<'a> {
             let of_rotation = rotation_rows[k].filter(|_| point.is_rotation);
             let first = of_rotation.unwrap_or(3 * k);
             residuals.extend_from_slice(&left.as_slice()[first..first + 3]);
-            // a larger prediction leaves a smaller residual
+            // A larger prediction gives a smaller residual.
             let columns = widths
                 .clone()
                 .enumerate()
@@ -340,7 +340,7 @@ impl<'a> Rows<'a> {
             a.fixed_view_mut::<3, 3>(3 * k, 0).copy_from(&block);
         }
         let eigen = a.tr_mul(&a).symmetric_eigen();
-        // blocks are invertible, so the eigenvalues are positive
+        // The blocks are invertible, so the eigenvalues are positive.
         let over = eigen.eigenvalues.map(|weight| 1.0 / weight.sqrt());
         Common {
             along: a * (eigen.eigenvectors * Matrix3::from_diagonal(&over)),

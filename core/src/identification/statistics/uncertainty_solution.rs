@@ -1,5 +1,5 @@
-//! The solution of the wider problem of [`uncertainty`](super::uncertainty): which features are a part of it, their standard deviations, the noise, and
-//! the posterior.
+//! Solves the wider problem of [`uncertainty`](super::uncertainty): the features that are included, their standard deviations, the noise,
+//! and the posterior.
 
 use crate::identification::least_squares::evidence::{Evidence, Posterior, Triangle};
 use crate::identification::statistics::uncertainty_problem::Rows;
@@ -7,33 +7,35 @@ use std::ops::Range;
 
 /// Scale of the half-Cauchy prior of σm, rad: joints usually rotate by 0.3 mrad under the weight of an arm's end.
 const USUAL_MISFIT_RAD: f64 = 3e-4;
-/// Number of searches for both σm, each with the noise of the previous one.
+/// Number of rounds of the search for both σm; each uses the noise of the round before.
 const SEARCHES: usize = 3;
-/// Quantiles of the normal distribution for keeping features: 5 % for the usual ones, which every robot has, and 0.1 % for harmonics of higher orders,
-/// which most robots have not. Found by chance, they would widen what is stated, and differ between sessions.
+/// Quantiles of the normal distribution for keeping features: 5 % for the usual ones, which every robot has, and 0.1 % for harmonics of
+/// orders above 1, which most robots do not have. If these were found by chance, they would widen the stated uncertainty and differ between
+/// sessions.
 const USUAL_KEPT_ABOVE: f64 = 1.645;
 const HIGHER_KEPT_ABOVE: f64 = 3.09;
-/// Significance level for a joint that follows another one, over all pairs of joints. It also has to explain more than it leaves: other errors of a
-/// robot are smooth functions of its joints too, and of many points they are as significant.
+/// Significance level for a joint that follows another one, over all pairs of joints. It must also explain more than it leaves: other
+/// errors of a robot are smooth functions of its joints too, and with many points they are just as significant.
 const CHANCE_OF_FOLLOWING: f64 = 1e-6;
 
 /// Solution of the wider problem.
 pub(super) struct Solved {
     /// Columns of the rows that are coordinates of the solution.
     pub(super) columns: Vec<usize>,
-    /// Joints that follow others, as indices of the misfit's.
+    /// Joints that follow others, as indices into the misfit's list.
     pub(super) followings: Vec<usize>,
     pub(super) triangle: Triangle,
     pub(super) evidence: Evidence,
     pub(super) posterior: Posterior,
-    /// σm of the usual features, and of harmonics of higher orders; 0 if it is not significant. Such features are no coordinates of the solution.
+    /// σm of the usual features, and of harmonics of orders above 1; 0 if not significant. Such features are no coordinates of the
+    /// solution.
     pub(super) usual_std_rad: f64,
     pub(super) higher_std_rad: f64,
 }
 
 impl Rows<'_> {
-    /// The posterior, with σm and σ. `links` has the widths of the estimate of links alone. Joints that follow others are added one by one, the most
-    /// significant first, as flat coordinates.
+    /// The posterior, with σm and σ. `links` has the widths from the estimate of the links alone. Joints that follow others are added one
+    /// by one as coordinates with a flat prior, the most significant first.
     pub(super) fn solve(&self, links: &Evidence, ratio: f64) -> Solved {
         let triangle = self.triangle(ratio);
         let mut followings = vec![];
@@ -74,7 +76,7 @@ impl Rows<'_> {
             .chain(of_followings)
             .collect();
         let [usual, higher] = [columns.usual(), columns.higher()];
-        // coordinates, noise and widths with the features that have a standard deviation
+        // Coordinates, noise and widths, with the features that have a standard deviation.
         let with = |stds_rad: [f64; 2], sigma_mm: f64| {
             let mut columns = flat.clone();
             let mut evidence = Evidence {
@@ -82,7 +84,7 @@ impl Rows<'_> {
                 ..links.clone()
             };
             evidence.widths.resize(flat.len(), Evidence::FLAT);
-            // the terms of corrections are in units of their priors
+            // The terms of corrections are in units of their priors.
             evidence.widths[self.columns.terms()].fill(1.0);
             let [usual_std_rad, higher_std_rad] = stds_rad;
             for (features, std_rad) in [(&higher, higher_std_rad), (&usual, usual_std_rad)] {
@@ -116,7 +118,7 @@ impl Rows<'_> {
             let noise_mm = triangle.noise_mm(problem, &posterior);
             noise_mm.max(problem.least_sigma_mm)
         };
-        // the standard deviation of some features beside others
+        // The standard deviation of some features, given that of the others.
         let std_of = |features: &Range<usize>, others_rad: [f64; 2], sigma_mm: f64, kept_above| {
             let (mut columns, evidence) = with(others_rad, sigma_mm);
             let first = columns.len();
@@ -127,7 +129,7 @@ impl Rows<'_> {
                 s.most_probable(USUAL_MISFIT_RAD, sigma_mm, kept_above)
             })
         };
-        // fewer equations than features say nothing of these
+        // If there are fewer equations than features, they show nothing about the features.
         let n_spare = (3 * self.n_points()).saturating_sub(flat.len());
         let (mut usual_rad, mut higher_rad) = (0.0, 0.0);
         let mut sigma_mm = noise_mm([0.0, 0.0], links.sigma_mm);

@@ -1,4 +1,4 @@
-//! Size of a model's misfit: σm², if the residuals have the variance σ²·I + σm²·Φ·Φᵀ outside the space that a fit can follow.
+//! Estimates the size of a model's misfit σm². The residuals have the variance σ²·I + σm²·Φ·Φᵀ outside the space that a fit can follow.
 //!
 //! The eigenvectors of ΦᵀΦ in that space split the residuals into independent parts, so that the likelihood of each ratio σm²/σ² is a sum. It is the
 //! restricted likelihood (REML) [Patterson & Thompson 1971].
@@ -144,19 +144,19 @@ pub fn misfit_ratio(
         .map_or(0.0, |spectrum| smallest(|ratio| spectrum.deviance(ratio)))
 }
 
-/// A random effect in the residuals of a fit.
+/// A random effect in the residuals of a fit, compared with the fit without it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RandomEffect {
     /// Most likely ratio of its variance to that of the noise.
     pub ratio: f64,
     /// 2·log of the likelihood's ratio, with the effect and without it.
     pub likelier: f64,
-    /// Variance of the noise beside it.
+    /// Variance of the noise if the effect is included.
     pub noise_variance: f64,
 }
 
 impl RandomEffect {
-    /// The ratio, but 0 if it is not significant at the 5 % level.
+    /// The ratio; 0 if it is not significant at the 5 % level.
     pub fn kept_ratio(&self) -> f64 {
         match self.likelier > KEPT_ABOVE * KEPT_ABOVE {
             true => self.ratio,
@@ -164,7 +164,7 @@ impl RandomEffect {
         }
     }
 
-    /// Probability that noise alone looks as much like the effect. A variance is at its bound without an effect [Self & Liang 1987].
+    /// Probability that noise alone gives as large a likelihood ratio. Without an effect, a variance is at its bound [Self & Liang 1987].
     pub fn by_chance(&self) -> f64 {
         0.5 * chi_square_tail(self.likelier, 1.0)
     }

@@ -19,8 +19,9 @@ pub struct ToolUncertainty {
     pub max_mm: f64,
 }
 
-/// The tool's uncertainty at random configurations of the workspace. `std_mm` has the standard deviation of a target's position, mm. A joint's range is
-/// its limits, if they are known. Otherwise it is the measured range, extended to at least a quarter turn to both sides of its middle. The target with the largest uncertainty counts.
+/// The tool's uncertainty at random configurations of the workspace. `std_mm` returns the standard deviation of a target's position, mm;
+/// the target with the largest one counts. The range of a joint is given by its limits, if they are known. Otherwise it is the measured
+/// range, extended to at least a quarter turn to both sides of its middle.
 pub fn tool_uncertainty(
     robot: &Robot,
     observations: &[Observation],

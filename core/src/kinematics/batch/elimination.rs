@@ -10,11 +10,11 @@ use super::poses::PreparedPoses;
 use super::robots::LaneRobots;
 use std::ops::Range;
 
-/// Share of the poses after which the particles are packed. In the paper's swarm one of five particles is left after 16 of 50 poses. Copying one
-/// takes as long as ten of its poses, so that packing twice gains nothing.
+/// Share of the poses after which the remaining particles are packed. In the paper's swarm, one of five particles is left after 16 of 50
+/// poses. Copying a particle takes as long as ten of its poses, so packing twice gains nothing.
 const PACK_AFTER_SHARE: f64 = 0.33;
-/// If at most this many of eight particles are left, they are copied to the packed ones. Otherwise they continue where they are: the remaining poses of
-/// eight particles take as long as copying three and continuing with them there.
+/// If at most this many of eight particles are left, they are copied to the packed ones. Otherwise they continue where they are, because
+/// the remaining poses of eight particles take as long as copying three of them and continuing.
 const MAX_MOVED: usize = 2;
 /// Number of poses after which the last few particles are checked again.
 const POSES_PER_CHECK: usize = 10;

@@ -1,7 +1,7 @@
 //! The inner loop: F of eight particles over all poses.
 //!
-//! Several poses go through one stage before the next stage begins. Each multiply-add waits some cycles for the previous one, and the other poses use
-//! that time. The number of poses is what the registers hold without spilling.
+//! Several poses go through one stage before the next stage begins. Each multiply-add has to wait some cycles for the previous one; the
+//! other poses use this time. The number of poses is limited by the registers.
 
 use super::lane_link::{Between, Circle};
 use super::lanes::{InstructionSet, Lanes, Vector};

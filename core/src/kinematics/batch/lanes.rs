@@ -60,8 +60,8 @@ impl InstructionSet {
     }
 }
 
-/// AVX-512 as of Ice Lake. Earlier CPUs run slower with it, and the crate multiversion compiles no version for them: a function for AVX-512 would then be
-/// the one without vectors, in which a multiply-add is a function call.
+/// AVX-512 as of Ice Lake. Earlier CPUs are slower with it, and the crate multiversion compiles no version for them. On these, a function
+/// for AVX-512 would fall back to the version without vectors, in which a multiply-add is a function call.
 #[cfg(target_arch = "x86_64")]
 fn has_fast_avx512() -> bool {
     macro_rules! all {

@@ -320,7 +320,7 @@ const HALF: f64 = 0.5;
 /// As [`HALF`], for a rotation vector: ½ · 3/2.
 const THREE_QUARTERS: f64 = 0.75;
 
-/// Adds a quantity that moves the target by `direct` at the anchor, and by angle · way more because of the quantities after it.
+/// Adds a quantity. It moves the target by `direct` at the anchor, and by up to angle · way more because of the quantities after it.
 #[inline(always)]
 fn turn<const W: usize>(
     angle: Vector<W>,

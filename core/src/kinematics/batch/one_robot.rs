@@ -344,7 +344,7 @@ fn walk<const W: usize>(
 
 /// ∂(predicted)/∂(one quantity).
 #[inline(always)]
-#[allow(clippy::too_many_arguments)] // what a derivative depends on
+#[allow(clippy::too_many_arguments)] // these are the arguments that the derivative depends on
 fn column<const W: usize>(
     robot: &OneRobot,
     axes: &[Axes],
@@ -372,7 +372,7 @@ fn column<const W: usize>(
     }
 }
 
-// these are functions, because closures would be compiled for the baseline
+// Functions, because closures would be compiled for the baseline instruction set.
 #[inline(always)]
 fn splat<const W: usize>(v: Vector3<f64>) -> [Vector<W>; 3] {
     [Vector::splat(v.x), Vector::splat(v.y), Vector::splat(v.z)]

@@ -98,7 +98,8 @@ pub struct Mapping {
     pub joint_unit: Option<&'static str>,
     /// Unit of positions in columns without a unit, one of [`LENGTHS`](crate::measurement::columns::names::LENGTHS).
     pub position_unit: Option<&'static str>,
-    /// With `is_complete`: whether quotes that close nothing are plain characters. Files of earlier versions are read as these read them.
+    /// With `is_complete`: whether unclosed quotes are plain characters. False for files of earlier versions, which are read as those
+    /// versions read them.
     pub plain_quotes: bool,
     /// If true, `columns` is complete: no further column is recognised by its name.
     pub is_complete: bool,

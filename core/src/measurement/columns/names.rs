@@ -122,8 +122,7 @@ fn is_german(base: &str) -> bool {
     of_joint.iter().any(|word| base.contains(word))
 }
 
-/// Recognises `q1_deg` and `x_mm` as written in kincal's file format, ignoring letter case. Other units in this notation are refused, as they always
-/// were.
+/// Recognises `q1_deg` and `x_mm` as written in kincal's file format, ignoring letter case. Other units in this notation are refused.
 fn own_form(text: &str) -> Option<Known> {
     let (base, unit) = text.split_once('_')?;
     let known = unit_of(unit)?;
@@ -221,7 +220,7 @@ fn position(words: &[&str], unit: Unit) -> Option<Known> {
     length.then_some(Known::Position(axis, unit))
 }
 
-/// A coordinate whose name has one unit, and the row of units below it another.
+/// Recognises a coordinate with one unit in its name and another one in the row of units below.
 fn position_in_two_units(words: &[&str], unit: Unit, below: Option<Unit>) -> Option<Known> {
     let is_told_twice = unit == Unit::TwoReadings && below.is_some_and(|unit| !is_angle(unit));
     match position(words, Unit::Missing).filter(|_| is_told_twice)? {
@@ -260,7 +259,8 @@ fn key(words: &[&str], unit: Unit) -> Option<Known> {
     Some(Known::Key(key))
 }
 
-/// The column whose name differs from this header by one letter. With it, a typing error is reported and not ignored as an unknown column.
+/// The known column whose name differs from this header by one letter. So a typing error is reported, and the column is not ignored as
+/// unknown.
 pub fn nearly(header: &str) -> Option<&'static str> {
     let text = simplified(header);
     PLAIN.into_iter().find(|name| differs_by_one(name, &text))
@@ -282,14 +282,14 @@ fn differs_by_one(a: &str, b: &str) -> bool {
     same_start + same_end + 1 >= longest
 }
 
-/// The axes of makers that do not count them, without spaces: of Yaskawa, and of Universal Robots.
+/// Names of axes, without spaces, of makers that do not number them: Yaskawa, and Universal Robots.
 const NAMED_AXES: [[&str; 6]; 2] = [
     ["s", "l", "u", "r", "b", "t"],
     ["base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"],
 ];
 
-/// The six axes of a maker that names them (place, axis counted from 1, unit), if a table has exactly one column for each of them. A single such name has
-/// no meaning.
+/// The six axes of a maker with named axes, as (place, axis counted from 1, unit), if a table has exactly one column for each. A single
+/// such name has no meaning.
 pub fn named_axes(
     names: &[(&str, Option<Unit>)],
     taken: &BTreeSet<usize>,

@@ -150,7 +150,7 @@ pub struct PoseCells {
 }
 
 impl PoseCells {
-    /// Keeps the value of a column.
+    /// Stores the value of a column.
     pub fn set(&mut self, column: PoseColumn, value: f64) {
         match column {
             PoseColumn::Quaternion(k) => self.quaternion[k] = Some(value),
@@ -163,7 +163,7 @@ impl PoseCells {
         }
     }
 
-    /// Keeps the kind of the row.
+    /// Stores the kind of the row.
     pub fn set_kind(&mut self, kind: &str) {
         self.kind = Some(kind.to_string());
     }

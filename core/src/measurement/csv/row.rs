@@ -1,4 +1,4 @@
-//! The cells of a row as a measured point. Nothing is corrected silently.
+//! Converts the cells of a row to a measured point. Nothing is corrected silently.
 
 use crate::measurement::columns::column::Column;
 use crate::measurement::columns::pose::{
@@ -12,7 +12,7 @@ use crate::measurement::rotation_convention::RotationConvention;
 use crate::measurement::set::Point;
 use std::borrow::Cow;
 
-/// Maximum number of rows of a set: a hundred times the largest data set that we know. An identification from so many rows takes half a minute.
+/// Maximum number of rows of a set: a hundred times the largest known data set. An identification from so many rows takes half a minute.
 pub const MAX_ROWS: usize = 100_000;
 /// Largest absolute measured coordinate, mm. Laser trackers reach 80 m.
 pub const MAX_COORDINATE_MM: f64 = 100_000.0;
@@ -75,7 +75,7 @@ pub fn parse_row(
     (issues.len() == before).then_some(point)
 }
 
-/// What a row with too few cells may be.
+/// Possible reason for a row with too few cells.
 const CELL_IS_MISSING: &str = "a cell or the end of the row is missing: was the file cut off or the row written in part? If it is no row, remove it, or put # before it";
 
 /// Message for a row whose number of cells differs from the header, with a possible reason.
@@ -127,7 +127,7 @@ fn fill_pose(
 ) -> Result<(), CellError> {
     let degree = std::f64::consts::PI / 180.0;
     let (factor, least, most) = match column {
-        // the length of the whole quaternion is checked, which says more than a limit of one component
+        // The length of the whole quaternion is checked instead; this is stricter than limits for single components.
         PoseColumn::Quaternion(_) => (1.0, f64::NEG_INFINITY, f64::INFINITY),
         PoseColumn::Angle(_) => (degree, f64::NEG_INFINITY, MAX_ROTATION_RAD),
         PoseColumn::StdAxis(_) => (1.0, MIN_STD_MM, MAX_STD_MM),
@@ -207,10 +207,10 @@ fn fill(point: &mut Point, column: Column, cell: &str, reading: &Reading) -> Res
 
 /// Texts in cells that mean that nothing was measured.
 const MISSING_VALUES: [&str; 8] = ["-", "--", "n/a", "na", "nan", "null", "none", "#n/a"];
-/// What joint values may be that no joint has.
+/// Advice for joint values beyond the range of any joint.
 pub const PULSES: &str =
     "if these are pulses of motors or counts of encoders, convert them to degrees";
-/// What to do with a row that has no number.
+/// Advice for a row without a number.
 const REMOVE: &str = "remove the row, or put # before it";
 
 fn not_a_number(cell: &str) -> String {

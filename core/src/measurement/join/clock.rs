@@ -70,7 +70,8 @@ pub fn found_offset(
     }
     let mut ties = Ties::default();
     for offset_s in offsets {
-        // No difference pairs more rows than all, and one more reading changes nothing. Only a difference of about zero still counts.
+        // If the best clock differences pair all rows and there are already many of them, further ones change nothing. Only differences of
+        // about zero are still tried.
         let is_settled = ties.most == tried.len() && ties.are_many();
         if is_settled && offset_s.abs() > 2.0 * tolerance_s {
             continue;
@@ -142,7 +143,7 @@ struct Ties {
     offsets_s: Vec<f64>,
     /// The pairs of the first one.
     first: Vec<Option<usize>>,
-    /// True if another one pairs a row otherwise than the first.
+    /// True if another clock difference gives a different pair for some row.
     are_contradictory: bool,
     /// The first one of about zero. It is preferred to all others.
     as_they_are_s: Option<f64>,
@@ -179,7 +180,8 @@ impl Ties {
     }
 }
 
-/// The error for clock differences that fit equally well. None of them is recommended, as nothing in the files tells which is right.
+/// The error for clock differences that fit equally well. None of them is recommended, because nothing in the files decides which one is
+/// correct.
 fn several_offsets(mut offsets_s: Vec<f64>, n_pairs: &dyn Fn(f64) -> usize) -> JoinError {
     offsets_s.sort_by(f64::total_cmp);
     let named: Vec<String> = offsets_s

@@ -1,4 +1,4 @@
-//! Forms in which the names and numbers of points are compared.
+//! Normal forms for comparing names and numbers of points.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ pub fn signs_aside(label: &str) -> String {
             continue;
         }
         if !digits.is_empty() {
-            // Two numbers are kept apart, so that P1_2 differs from P12.
+            // Two adjacent numbers stay separate, so that P1_2 differs from P12.
             if found.ends_with(|c: char| c.is_ascii_digit()) {
                 found.push('_');
             }

@@ -42,7 +42,8 @@ pub struct JoinOptions {
     /// By time: whether the instrument's file is a continuous log, of which only the standstills are used. `None`: detected from the time between its
     /// rows.
     pub instrument_log: Option<bool>,
-    /// Whether positions with the same name that are too far apart, and tables that stand twice in a file, are refused. False for stored uploads, which were accepted once.
+    /// Whether these are refused: positions with the same name that are too far apart, and tables that occur twice in a file. False for
+    /// stored uploads, which were accepted once.
     pub refuse_apart: bool,
 }
 
@@ -63,7 +64,7 @@ impl Default for JoinOptions {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{detail}")]
 pub struct JoinError {
-    /// Stable code.
+    /// Machine-readable code; it never changes.
     pub code: &'static str,
     /// What is unclear, and what to state.
     pub detail: String,

@@ -147,7 +147,7 @@ pub fn join(
     Ok((joined, summary(robot, instrument, best)))
 }
 
-/// Refuses an instrument's file in which a table stands twice.
+/// Refuses an instrument's file that contains a table twice.
 fn refuse_again(
     joined: &[Point],
     instrument: &Content,
@@ -345,7 +345,7 @@ fn pair(
                     by,
                     pairs: strict,
                     clock: None,
-                    // numbers stand for names in a file without these
+                    // In a file without names, numbers are used as names.
                     is_loose: by == JoinBy::Name && !(has_name(robot) && has_name(instrument)),
                     n_robot,
                 })),
@@ -357,7 +357,7 @@ fn pair(
 /// Pairs names such as `P1` and `Point 1` by their numbers, if no number is missing or has two names in one file.
 fn by_numbers_in_names(robot: &Content, ours: &[String], theirs: &[String]) -> Option<Pairs> {
     let form = |label: &str| only_number(label).unwrap_or_default();
-    // the same name in every row is not that of a point
+    // A name that is the same in every row is not the name of a point.
     let are_several = |labels: &[String]| labels.iter().any(|label| label != &labels[0]);
     let can_pair = are_several(ours) && are_several(theirs);
     match can_pair && are_numbered(ours) && are_numbered(theirs) {

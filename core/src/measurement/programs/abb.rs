@@ -1,12 +1,12 @@
-//! Points of ABB: `CONST jointtarget p10:=[[0,-30,20,0,30,0],[9E+09,…]];`. RAPID is free in spaces, lines and letter case, so statements are read up to
-//! their semicolon.
+//! Points of ABB: `CONST jointtarget p10:=[[0,-30,20,0,30,0],[9E+09,…]];`. RAPID allows any spaces, line breaks and letter case, so each
+//! statement is read up to its semicolon.
 
 use crate::measurement::programs::point::{Found, Reason};
 use crate::measurement::programs::text::{Node, code, last_word, list};
 
 /// Number of axes in each part of a `jointtarget`: the robot's own, and external ones.
 const N_AXES: usize = 6;
-/// Words in front of the name of a declaration.
+/// Keywords before the name in a declaration.
 const DECLARING: [&str; 6] = ["LOCAL", "TASK", "CONST", "PERS", "VAR", "ALIAS"];
 
 /// The points of a module.

@@ -4,14 +4,13 @@ use crate::measurement::programs::point::{Point, Reason};
 use crate::measurement::programs::program::{Program, Unread};
 use std::collections::BTreeMap;
 
-/// An axis that moves by more between the points, mm or degrees, does not stand still.
+/// An axis moves if its values at the points differ by more than this, mm or degrees.
 const STANDSTILL: f64 = 0.05;
 
-/// What is known of the external axes of a program.
 pub(super) struct ExternalAxes {
-    /// Why the program is refused: an axis moves.
+    /// The reason for a refusal, if an axis moves.
     pub moving: Option<String>,
-    /// Axes that stand at one value other than zero, each with the line of the first point that has it.
+    /// Axes that have the same nonzero value at all points, each with the line of the first point.
     pub standing: Vec<Unread>,
 }
 
@@ -22,7 +21,7 @@ struct At<'p> {
     line: usize,
 }
 
-/// The external axes of the points that are read. `text` is the program's.
+/// The external axes of the points that are read. `text` is the text of the program.
 pub(super) fn external_axes(program: &Program, text: &str) -> ExternalAxes {
     let mut axes: BTreeMap<&str, Vec<At>> = BTreeMap::new();
     for (point, line) in program.points.iter().zip(&program.lines) {

@@ -4,7 +4,6 @@ use crate::measurement::programs::point::{Found, Reason};
 use crate::measurement::programs::text::trimmed;
 use std::ops::Range;
 
-/// Whether a text is a listing.
 pub(super) fn is_listing(text: &str) -> bool {
     text.lines().any(|line| line.trim() == "/POS") && text.contains("P[")
 }

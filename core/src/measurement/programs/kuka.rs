@@ -7,10 +7,10 @@ use std::ops::Range;
 
 const CARTESIAN_TYPES: [&str; 3] = ["e6pos", "pos", "frame"];
 const JOINT_TYPES: [&str; 2] = ["e6axis", "axis"];
-/// Words in front of the type of a declaration.
+/// Keywords before the type in a declaration.
 const DECLARING: [&str; 4] = ["decl", "global", "const", "public"];
 
-/// The points of a program. Those that are called `XP1` are the points P1 of the inline forms.
+/// The points of a program. A point named `XP1` is the point P1 of the inline forms.
 pub(super) fn points(text: &str) -> Found {
     let mut found = Found::default();
     if !text.contains('{') {
@@ -36,7 +36,7 @@ pub(super) fn points(text: &str) -> Found {
     found
 }
 
-/// The next pair of braces that belong together.
+/// The next pair of matching braces.
 fn braces(line: &str, from: usize) -> Option<(usize, usize)> {
     let open = from + line[from..].find('{')?;
     let mut depth = 0;
@@ -53,7 +53,7 @@ fn braces(line: &str, from: usize) -> Option<(usize, usize)> {
 
 /// The components of an aggregate, such as `A1 10.0`: name, and place of the value.
 fn components(code: &str, inner: Range<usize>) -> Vec<(&str, Range<usize>)> {
-    // The type may stand in front: `{E6AXIS: A1 10.0, …}`.
+    // The type may come first: `{E6AXIS: A1 10.0, …}`.
     let begin = code[inner.clone()]
         .find(':')
         .map_or(inner.start, |at| inner.start + at + 1);
@@ -110,7 +110,7 @@ fn aggregate(
         .map_while(|number| component(&format!("A{number}")))
         .collect();
     let is_joints = match of_type.as_deref() {
-        // An assignment to a variable that another file declares: its value tells what it is.
+        // The variable is declared in another file, so the type follows from the value.
         None => angles.len() == 6,
         Some(of_type) => JOINT_TYPES.contains(&of_type),
     };
@@ -129,8 +129,8 @@ fn aggregate(
     }
 }
 
-/// The type, in small letters, and the name of what `head=` declares or assigns. The type of an assignment is the one with which the name is declared
-/// elsewhere in the file. None if it is neither.
+/// Type, in lower case, and name of the variable that `head=` declares or assigns. For an assignment, the type comes from the declaration
+/// of the name elsewhere in the file. None if `head=` is neither.
 fn declaration<'h>(
     head: &'h str,
     types: &BTreeMap<String, String>,

@@ -1,5 +1,6 @@
-//! Reads declared joint targets of robot programs (data lists of KUKA, modules of ABB, listings of FANUC) as tables with one row per point. In these
-//! languages joint values are in degrees; in URScript they are in radians. Targets that are written into a motion are not read: nothing says which measurement belongs to them.
+//! Reads declared joint targets of robot programs (data lists of KUKA, modules of ABB, listings of FANUC) as tables with one row per point.
+//! Joint values are in degrees in these languages, and in radians in URScript. Targets that are written directly into a motion are not
+//! read, because they have no names to match measurements with.
 
 mod abb;
 mod external_axes;
@@ -126,7 +127,7 @@ fn refuse_yaskawa(text: &str) -> Result<(), ParseError> {
     Err(whole("not_angles", detail.into()))
 }
 
-/// The first motion to a joint target that is written into it: its line, counted from 1, and what to export instead.
+/// The first motion to a joint target that is written into it: its line, counted from 1, and advice what to export instead.
 fn motion(text: &str) -> Option<(usize, &'static str)> {
     let motions = [
         ("ptp{", Language::Kuka.remedy()),
@@ -180,7 +181,7 @@ fn no_joint_values(program: &Program) -> ParseError {
 mod tests {
     use super::{Reason, find, table};
 
-    /// Rows of the table, each behind the line of its point.
+    /// Rows of the table, each with the line of its point before it.
     fn rows(text: &str) -> Vec<String> {
         let (rows, about) = table(text).unwrap().unwrap();
         let rows = rows.lines().skip(1).zip(about.lines);

@@ -3,7 +3,7 @@
 use crate::measurement::programs::text::is_number;
 use std::ops::Range;
 
-/// Values from this on stand for an axis without a value, such as ABB's 9E9.
+/// Larger values mean that the axis has no value, such as ABB's 9E9.
 const NO_ANGLE: f64 = 1e6;
 /// Maximum number of joints of a point, including external axes.
 const MAX_AXES: usize = 12;
@@ -32,12 +32,12 @@ pub enum Reason {
     NotNumbers,
     /// It has fewer joint values than other points of the program.
     SomeAxes,
-    /// It is no point, but an external axis that stands at one value in all points.
+    /// It is no point: an external axis has the same value at all points.
     ExternalAxis,
 }
 
 impl Reason {
-    /// The reason in words.
+    /// Text of the reason.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Cartesian => "a Cartesian position has no joint values",
@@ -56,7 +56,7 @@ pub(super) struct Other {
     pub(super) reason: Reason,
 }
 
-/// What a program has.
+/// The points of a program.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Found {
     pub(super) points: Vec<Point>,

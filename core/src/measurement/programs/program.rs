@@ -14,7 +14,7 @@ pub enum Language {
 }
 
 impl Language {
-    /// What to export in place of Cartesian points.
+    /// Advice what to export instead of Cartesian points.
     pub(super) fn remedy(self) -> &'static str {
         match self {
             Self::Kuka => "Declare them as joint values (E6AXIS), or log $AXIS_ACT at each of them",
@@ -52,7 +52,7 @@ pub struct Program {
     pub unread: Vec<Unread>,
 }
 
-/// What a table that was made from a program does not show.
+/// Information about a program that is not part of the table made from it.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ProgramRows {
     /// The line of each point in the program, counted from 1.

@@ -5,7 +5,8 @@ use std::ops::Range;
 /// Maximum depth of a list: an array of targets, each of which is a list of lists of numbers, has three.
 const MAX_DEPTH: usize = 6;
 
-/// The code of a program: comments and texts in quotes are replaced by spaces, so that every byte keeps its place. `comment` begins a comment.
+/// The code of a program. Comments and quoted texts are replaced by spaces, so that all bytes stay at their places. `comment` begins a
+/// comment.
 pub(super) fn code(text: &str, comment: char, quotes: &[char]) -> String {
     #[derive(Clone, Copy, PartialEq)]
     enum In {
@@ -48,7 +49,7 @@ impl Node {
         }
     }
 
-    /// The places of its items, if it is a list without lists in it.
+    /// The places of its items, if it is a list without nested lists.
     pub(super) fn items(&self) -> Option<Vec<Range<usize>>> {
         let item = |node: &Node| match node {
             Self::Item(at) => Some(at.clone()),
@@ -61,7 +62,7 @@ impl Node {
     }
 }
 
-/// The list that begins with the bracket at `open`, and the place behind it. None if it does not end.
+/// The list that begins with the bracket at `open`, and the place after it. None if the list is not closed.
 pub(super) fn list(code: &str, open: usize) -> Option<(Node, usize)> {
     list_within(code, open, 1)
 }
@@ -97,7 +98,7 @@ fn list_within(code: &str, open: usize, depth: usize) -> Option<(Node, usize)> {
     }
 }
 
-/// The range without spaces at its ends.
+/// The range without leading and trailing spaces.
 pub(super) fn trimmed(text: &str, range: Range<usize>) -> Range<usize> {
     let part = &text[range.clone()];
     let start = range.start + (part.len() - part.trim_start().len());
@@ -108,7 +109,6 @@ pub(super) fn is_word(c: char) -> bool {
     c.is_alphanumeric() || matches!(c, '_' | '$')
 }
 
-/// The word at the end of a text.
 pub(super) fn last_word(text: &str) -> &str {
     let text = text.trim_end();
     &text[text.trim_end_matches(is_word).len()..]

@@ -1,4 +1,5 @@
-//! Joint values of URScript and of plain lists: `P1=[0.1, -1.57, …]`. The lists of a script that has `movej` are radians; a plain list names no unit.
+//! Joint values of URScript and of plain lists: `P1=[0.1, -1.57, …]`. In a script with `movej` they are in radians; a plain list states no
+//! unit.
 
 use crate::measurement::programs::program::ProgramRows;
 use crate::measurement::programs::text::{code, is_number, is_word};

@@ -1,17 +1,17 @@
-//! Where the cells of a line are, so that some of them can be replaced and all others stay as they are.
+//! Finds the places of the cells in a line, so that single cells can be replaced and all others stay unchanged.
 
 use crate::measurement::columns::mapping::Separator;
 use std::ops::Range;
 
-/// The place of each cell of a line, without spaces and quotes around it. As in the reader of the cells, a quote opens a quoted cell only as its first
-/// character: `5"` is a length in inches.
+/// The place of each cell of a line, without surrounding spaces and quotes. As in the cell reader, a quote opens a quoted cell only as its
+/// first character: `5"` is a length in inches.
 pub fn cell_places(line: &str, separator: Separator) -> Vec<Range<usize>> {
     let is_separator = |c: char| match separator {
         Separator::Spaces => matches!(c, ' ' | '\t'),
         other => c == char::from(other.byte()),
     };
     let mut places = Vec::new();
-    // Within a cell that begins with a quote, two quotes stand for one: they close and open it.
+    // In a quoted cell, two quotes stand for one; they close and reopen the cell.
     let (mut from, mut begins_quoted, mut is_quoted) = (0, false, false);
     for (at, c) in line.char_indices() {
         begins_quoted |= c == '"' && at == from;
@@ -23,7 +23,7 @@ pub fn cell_places(line: &str, separator: Separator) -> Vec<Range<usize>> {
         }
     }
     places.push(from..line.len());
-    // Of a run of spaces, all but one separate nothing.
+    // A run of spaces is a single separator.
     if separator == Separator::Spaces {
         places.retain(|place| !place.is_empty());
     }
@@ -34,7 +34,7 @@ pub fn cell_places(line: &str, separator: Separator) -> Vec<Range<usize>> {
     places.into_iter().map(bare).collect()
 }
 
-/// The place without the characters at its ends.
+/// The place without the outside characters at its ends.
 fn within(line: &str, place: Range<usize>, is_outside: impl Fn(char) -> bool) -> Range<usize> {
     let cell = &line[place.clone()];
     let start = place.start + (cell.len() - cell.trim_start_matches(&is_outside).len());

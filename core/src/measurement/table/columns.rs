@@ -40,7 +40,8 @@ pub fn resolve(table: &Table, mapping: &Mapping, n_joints: usize, needs: Needs) 
     columns
 }
 
-/// Time is in seconds beside joint values of Universal Robots' RTDE interface, whose `timestamp` is defined so.
+/// Sets the unit of the time to seconds if the joint values are those of Universal Robots' RTDE interface: its `timestamp` is defined in
+/// seconds.
 fn with_time_of_rtde(table: &Table, mut known: Vec<(usize, Known)>) -> Vec<(usize, Known)> {
     let mut names = table.header.iter().map(|name| name.trim());
     if names.any(|name| name.eq_ignore_ascii_case("actual_q_0")) {
@@ -54,7 +55,7 @@ fn with_time_of_rtde(table: &Table, mut known: Vec<(usize, Known)>) -> Vec<(usiz
 }
 
 impl Resolution<'_> {
-    /// What to state for a file without a header of which no column is known.
+    /// Advice for a file without a header of which no column is known.
     fn no_header(&self) -> String {
         let (other, others) = match self.needs {
             Needs::Joints => ("instrument", r#"{"q1_deg": 1, "robot": {"name": 2}}"#),
@@ -221,8 +222,8 @@ impl Resolution<'_> {
         }
     }
 
-    /// The names of the columns with a rotation as controllers write it next to X, Y, Z of a pose that they compute. Only for files that need joint values
-    /// and positions, and if the mapping does not say that the rotation was measured.
+    /// The columns of a rotation next to X, Y, Z, as controllers write them for a pose that they compute. Only for files that need joint
+    /// values and positions, and only if the mapping does not state that the rotation was measured.
     fn controllers_pose(&self) -> Option<String> {
         let places = rotation_columns(&self.table.header)?;
         let is_mapped = |place: &usize| self.columns.used.iter().any(|used| used.place == *place);

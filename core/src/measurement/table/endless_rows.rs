@@ -2,8 +2,8 @@
 
 use crate::measurement::issue::{Issue, ParseError};
 
-/// Maximum length of a row, bytes: a hundred times the length of a usual row. Without the limit, a row without end would be held in memory several
-/// times.
+/// Maximum length of a row, bytes: a hundred times the usual length. Without this limit, several copies of an endless row would be held in
+/// memory.
 const MAX_ROW_BYTES: usize = 64 * 1024;
 
 /// Position of a byte in a cell.
@@ -16,8 +16,7 @@ enum At {
     Closed,
 }
 
-/// Refuses rows that are too long. A quote at the beginning of a cell opens a quoted cell; line endings inside it are
-/// text.
+/// Refuses rows that are too long. A quote at the beginning of a cell opens a quoted cell; line breaks inside it are text.
 pub fn refuse_endless_rows(text: &[u8], separator: u8) -> Result<(), ParseError> {
     if text.len() <= MAX_ROW_BYTES {
         return Ok(());
@@ -29,7 +28,7 @@ pub fn refuse_endless_rows(text: &[u8], separator: u8) -> Result<(), ParseError>
             (At::Quoted, b'"') => At::Closed,
             (At::Quoted, _) | (At::Start | At::Closed, b'"') => At::Quoted,
             (_, b'\n' | b'\r') => {
-                // A line ending directly after another one, as in \r\n, does not end a row.
+                // A line break directly after another one, as in \r\n, does not end a row.
                 n_rows += usize::from(length > 1);
                 length = 0;
                 At::Start

@@ -1,4 +1,4 @@
-//! Groups of columns, by the line above the header, as in `Nominal;;;Measured;;`: which positions were measured.
+//! Groups of columns, named by the line above the header, such as `Nominal;;;Measured;;`. They show which positions were measured.
 
 use crate::measurement::columns::mapping::Separator;
 use crate::measurement::columns::names::Known;
@@ -23,15 +23,15 @@ fn is_measured(group: &str) -> Option<bool> {
     let words: Vec<&str> = words.filter(|word| !word.is_empty()).collect();
     let has = |list| words.iter().any(|word| is_one_of(list, word));
     match words.len() <= MAX_WORDS {
-        // "Measured - Nominal", "Tracker residuals"
+        // Examples: "Measured - Nominal", "Tracker residuals".
         true if has(NOT_MEASURED) => Some(false),
         true if has(MEASURED) => Some(true),
         _ => None,
     }
 }
 
-/// Forgets positions in groups that were not measured: in a group of another name if one was measured. A group ends where the next one begins. One that
-/// begins at a joint or a name is about these, or a title.
+/// Ignores positions in groups that were not measured. If one group was measured, positions in groups with any other name are ignored too.
+/// A group ends where the next one begins. A group that begins at a joint or a name does not concern positions, or it is a title.
 pub fn without_groups_not_measured(
     table: &Table,
     mut known: Vec<(usize, Known)>,

@@ -1,4 +1,4 @@
-//! Messages for the case that joint values and positions are in two separate files: if one of the files is missing, or if the files are swapped.
+//! Messages for joint values and positions in two separate files: if one of the files is missing, or if the files are swapped.
 
 use crate::measurement::columns::mapping::Needs;
 use crate::measurement::columns::meaning::thing;

@@ -133,15 +133,17 @@ pub fn found_header(
     Ok(first_named(above, body, separator))
 }
 
-/// Number of known columns of a header from which on lines above it with as many numbers are rows. Matrices have four numbers in a line.
+/// Minimum number of known columns in a header for refusing rows above it. Matrices above a header have four numbers in a line, so they are
+/// not refused.
 const MIN_KNOWN: usize = 6;
 
-/// Refuses a header with rows of another table above it: they would be left out. `above` begins behind the first `n_skipped` lines.
+/// Refuses a header with rows of another table above it, because these rows would be ignored. `above` begins after the first `n_skipped`
+/// lines.
 fn refuse_rows_above(header: &Header, above: &[Line], n_skipped: usize) -> Result<(), ParseError> {
     let is_row = |line: &Line| {
         let cells = cells(line.text, header.separator);
         let n_numbers = cells.iter().filter(|cell| is_numeric(cell)).count();
-        // labels may be among the known columns
+        // Labels may be among the known columns, so fewer numbers are sufficient.
         4 * n_numbers >= 3 * header.score
     };
     let rows = above.iter().enumerate().filter(|(_, line)| is_row(line));

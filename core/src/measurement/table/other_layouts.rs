@@ -1,5 +1,5 @@
-//! Tables that have no row for each point: transposed ones, rows for single coordinates, and names beside each number. They are refused with how to write
-//! them.
+//! Detects tables that have no row per point: transposed tables, rows for single coordinates, and names beside each number. They are
+//! refused with advice how to write them.
 
 use crate::measurement::columns::names::{Known, recognise};
 use crate::measurement::issue::Issue;
@@ -8,14 +8,14 @@ use crate::measurement::table::lines::is_numeric;
 use crate::measurement::table::resolution::Resolution;
 use std::collections::BTreeSet;
 
-/// Number of rows that are looked at.
+/// Number of rows that are examined.
 const SAMPLE: usize = 60;
 /// Minimum number of names of joints and coordinates in the first column of a transposed table.
 const MIN_NAMES: usize = 4;
 /// Minimum number of cells of a row with a name and a number.
 const MIN_LABELLED: usize = 3;
 
-/// The issue of a table of another layout in which columns are missing.
+/// The issue for a table with missing columns that has another layout.
 pub fn other_layout(resolution: &Resolution) -> Option<Issue> {
     let missing = resolution.columns.missing.first()?;
     let table = resolution.table;

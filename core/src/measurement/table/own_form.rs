@@ -1,4 +1,5 @@
-//! Files whose header has the meanings of their columns (`q1_deg`, `x_mm`, `station` …), as uploads of the first versions are, with which no reading is stored.
+//! Reads files whose header has the meanings of the columns (`q1_deg`, `x_mm`, `station` …). Uploads of the first versions have this form
+//! and no stored reading.
 
 use crate::measurement::columns::mapping::{ColumnRef, HeaderRow, Mapping, Needs, Separator};
 use crate::measurement::conventions::{Decimal, Frame};

@@ -1,4 +1,5 @@
-//! Columns with fixed names, such as `station`: which of them are read, names that are nearly such a name, and names that look like an uncertainty.
+//! Columns with fixed names, such as `station`. Decides which of them are read, and finds names that are nearly a fixed name or look like
+//! an uncertainty.
 
 use crate::measurement::columns::column::column_of;
 use crate::measurement::columns::mapping::Needs;
@@ -7,16 +8,18 @@ use crate::measurement::columns::names::{Known, nearly, recognise};
 use crate::measurement::columns::words::is_one_of;
 use crate::measurement::table::resolution::Resolution;
 
-/// Uses columns such as `station`. Adds an issue for names that are nearly such a name, and for names that look like an uncertainty of the position.
+/// Uses columns with fixed names. Adds an issue for names that are nearly such a name, and for names that look like an uncertainty of the
+/// position.
 pub fn named_plain(resolution: &mut Resolution, known: &[(usize, Known)]) {
-    // True if joints and positions have the names of kincal's own file format. Then the others count in any letter case, and slips are found.
+    // True if all joints and positions have the names of kincal's own file format. Other fixed names then match in any letter case, and
+    // misspelt names are reported.
     let is_own = resolution.table.header.iter().all(|name| {
         !matches!(
             recognise(name, None),
             Known::Joint(..) | Known::Position(..)
         ) || column(&name.trim().to_lowercase(), resolution.n_joints).is_some()
     });
-    // An instrument's only label is the name of the point, whatever it is called.
+    // If an instrument's file has only one label, it is the name of the point, whatever the column is called.
     let has_label = known
         .iter()
         .any(|(_, known)| matches!(known, Known::Key(_)))
@@ -27,12 +30,12 @@ pub fn named_plain(resolution: &mut Resolution, known: &[(usize, Known)]) {
         let name = resolution.table.name(*place);
         let is_exact = |means: &str| {
             let is_of_noise = means.starts_with("std_") || means.starts_with("cov_");
-            // in a table of the robot a configuration may be the posture of the arm
+            // In a robot's table, `configuration` may be the posture of the arm.
             means != "configuration"
                 && (name.trim() == means || is_of_noise && name.trim().eq_ignore_ascii_case(means))
                 && (!is_of_target(means) || has_label || resolution.needs != Needs::Positions)
         };
-        // The only label of an instrument's file: another maker's Target_Name is the name of a point.
+        // The only label of an instrument's file: another maker's `Target_Name` is the name of a point.
         let is_only_label =
             |means: &str| means == "target_name" && !has_label && !resolution.needs_joints();
         match known {
@@ -51,7 +54,7 @@ pub fn named_plain(resolution: &mut Resolution, known: &[(usize, Known)]) {
     }
 }
 
-/// Whether a column says which reflector a row is of.
+/// Whether a column identifies the reflector of a row.
 pub fn is_of_target(means: &str) -> bool {
     matches!(means, "target" | "target_name")
 }
@@ -76,7 +79,7 @@ fn unknown(resolution: &mut Resolution, place: usize, name: String, is_own: bool
 /// Words for an uncertainty.
 const UNCERTAINTY_WORDS: &str =
     "sigma|σ|std|stdev|stddev|sd|cov|covariance|variance|var|uncertainty|unc|unsicherheit";
-/// Words next to them in names of uncertainties of a position.
+/// Words that may occur beside them in the name of a position's uncertainty.
 const IGNORED_UNCERTAINTY_WORDS: &str = "x|y|z|xx|xy|xz|yx|yy|yz|zx|zy|zz|xyz|mm|mm²|um|m|dev|deviation|pos|position|point|total|\
     tracker";
 

@@ -30,7 +30,7 @@ pub struct Understood {
     pub sheet: Option<String>,
     /// The line of the header, counted from 1.
     pub header_row: Option<usize>,
-    /// Whether quotes that close nothing were read as plain characters, or cells with line breaks were joined.
+    /// Whether unclosed quotes were read as plain characters, or cells with line breaks were joined.
     pub plain_quotes: bool,
     /// Whether lines that begin with a comment sign are comments, as in [`Table::comments`].
     pub comments: Option<bool>,
@@ -72,7 +72,8 @@ pub struct TableOptions<'a> {
     pub rotation: Option<RotationConvention>,
     /// Check of the text in `measured_at`.
     pub is_time: fn(&str) -> bool,
-    /// Whether the rows are targets of a program: all of them count, and their joint values may be any numbers.
+    /// Whether the rows are targets of a program. Then no rows are refused as statistics or duplicates, and joint values may be any
+    /// numbers.
     pub are_targets: bool,
 }
 
@@ -145,7 +146,7 @@ fn resolved(table: &Table, options: &TableOptions) -> Columns {
             .in_column("target".to_owned()),
         );
     }
-    // Of a file that was accepted once, all points count.
+    // Points of a stored file, which was accepted once, are all read.
     let program = table
         .program
         .as_ref()
@@ -217,7 +218,7 @@ impl<'t> Parts<'t> {
             .filter_map(|column| table.place(column).ok())
             .collect();
         let is_wanted = |place: &usize| {
-            // of a file that was accepted once, only the columns that are read count
+            // For a stored file, which was accepted once, only the columns that are read matter.
             let is_named = !table.header[*place].is_empty() && !options.mapping.is_complete;
             is_named && !ignored.contains(place)
         };

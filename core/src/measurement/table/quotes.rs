@@ -1,5 +1,5 @@
-//! Quotes in a table. A quoted cell may hold line breaks, as spreadsheets write them. A quote that opens a cell and closes nothing (`"hot`) is a plain
-//! character: otherwise all rows down to the next quote would be part of its cell.
+//! Quotes in a table. A quoted cell may contain line breaks, as spreadsheets write them. A quote that opens a cell and is never closed
+//! (`"hot`) is a plain character. Otherwise all rows up to the next quote would be part of its cell.
 
 use crate::measurement::columns::mapping::Separator;
 use crate::measurement::csv::number_text::without_unit;
@@ -11,9 +11,9 @@ use std::borrow::Cow;
 const MAX_LINES: usize = 50;
 /// Maximum size of a cell with line breaks, bytes.
 const MAX_CELL: usize = 64 * 1024;
-/// Number of numbers, or of separators, with which the text between two quotes on different lines may be part of rows.
+/// If the text between two quotes on different lines has at least this many numbers or separators, it may be part of rows.
 const PARTS_OF_A_ROW: usize = 3;
-/// The character in place of a quote that closes nothing: the sign for inches and seconds, which looks the same.
+/// Replacement for an unclosed quote: the sign for inches and seconds, which looks the same.
 const PLAIN_QUOTE: char = '\u{2033}';
 
 /// A text in which each row is one line.
@@ -27,7 +27,7 @@ pub struct Rows<'t> {
 /// The lines of a file for the rows of a text in which cells with line breaks are on one line.
 #[derive(Clone, Debug, Default)]
 pub struct LineNumbers {
-    /// Rows, counted from 1, with the number of line breaks in the cells above them: from this row on, it is added.
+    /// Rows, counted from 1, with the number of line breaks in the cells above them. From this row on, that number is added.
     breaks: Vec<(usize, usize)>,
 }
 
@@ -51,7 +51,7 @@ impl LineNumbers {
     }
 }
 
-/// The separator of the cells: known, or any.
+/// The separator of the cells, if known; otherwise any separator.
 #[derive(Clone, Copy)]
 struct Between(Option<Separator>);
 
@@ -64,7 +64,7 @@ impl Between {
         }
     }
 
-    /// Numbers and separators of a text. Spaces also stand between words, so they are not counted.
+    /// Number of numbers and number of separators in a text. Spaces are not counted as separators, because they also occur between words.
     fn parts(self, text: &str) -> [usize; 2] {
         let words = text.split(|c| self.is(c) || c == ' ');
         let numbers = words
@@ -80,19 +80,19 @@ impl Between {
 
 /// A quoted cell that ends on a later line.
 enum OverLines<'t> {
-    /// Its text on one line, its number of lines below the first, and the text after it.
+    /// The end was found: its text on one line, the number of lines below the first, and the text after it.
     Cell(String, usize, &'t str),
-    /// The quote closes nothing.
+    /// The quote is not closed.
     Stray,
-    /// A quote closes it, and rows may be in between: the number of lines below the first.
+    /// The quote may be closed, but rows may be in between: the number of lines below the first.
     Unclear(usize),
 }
 
 impl<'t> Rows<'t> {
-    /// Replaces line breaks within quoted cells by spaces, and quotes that close nothing by another character.
+    /// Replaces line breaks within quoted cells by spaces, and unclosed quotes by another character.
     ///
     /// # Errors
-    /// `two_readings` if the text between two quotes may be a cell or rows. Only if the separator is known.
+    /// `two_readings` if the text between two quotes may be a cell or rows; only if the separator is known.
     pub fn new(text: Cow<'t, str>, separator: Option<Separator>) -> Result<Self, ParseError> {
         if !text.contains('"') {
             return Ok(Self::unchanged(text));
@@ -152,10 +152,10 @@ fn unclear(from: usize, to: usize) -> ParseError {
     whole("two_readings", detail)
 }
 
-/// Writes the first row of a text as one line. Returns its number of lines.
+/// Appends the first row of a text as one line. Returns its number of lines.
 ///
 /// # Errors
-/// The number of lines below the first up to a quote, if what is before it may be a cell or rows.
+/// The number of lines from the first one to a closing quote, if the text before this quote may be a cell or rows.
 fn push_row(rows: &mut String, text: &str, between: Between) -> Result<usize, usize> {
     let mut below = lines(text);
     let mut rest = below.next().map_or("", |line| line.text);
@@ -186,7 +186,7 @@ fn push_row(rows: &mut String, text: &str, between: Between) -> Result<usize, us
         };
         rows.push_str(&rest[..=end]);
         rest = &rest[end + 1..];
-        // `"a", "b"`: a quote begins a cell behind spaces, too
+        // A quote also opens a cell after spaces: `"a", "b"`.
         let cell = match between.is(' ') {
             true => rest,
             false => rest.trim_start_matches(' '),
@@ -197,7 +197,7 @@ fn push_row(rows: &mut String, text: &str, between: Between) -> Result<usize, us
     }
 }
 
-/// The place of the quote that closes a cell. Two quotes stand for one.
+/// The place of the quote that closes a cell. A pair of quotes stands for one quote.
 fn closing(inner: &str) -> Option<usize> {
     let mut quotes = inner.match_indices('"').map(|(at, _)| at).peekable();
     while let Some(at) = quotes.next() {
@@ -267,7 +267,7 @@ mod tests {
             rows(text, Separator::Spaces),
             ["1,5 2,5 ″hot", "4,5 5,5 ok", "7,5 8,5 ″cold"]
         );
-        // A quote behind another separator opens nothing.
+        // A quote after another separator opens nothing.
         let text = "1;a,\"b;\"c\n2;3;4\n";
         assert_eq!(rows(text, Separator::Semicolon), ["1;a,\"b;″c", "2;3;4"]);
     }
@@ -280,7 +280,7 @@ mod tests {
             "Op;\"Meier\nx_mm;y_mm;z_mm;L 5\"\n1;2;3;4\n",
         ] {
             assert!(read(text, Separator::Semicolon).is_none(), "{text}");
-            // As long as the separator is not known, nothing is refused.
+            // Nothing is refused while the separator is unknown.
             assert!(Rows::new(text.into(), None).is_ok());
         }
     }
@@ -297,7 +297,7 @@ mod tests {
         assert_eq!(lines, [1, 4, 7, 8]);
         let rows: Vec<usize> = (1..=9).map(|line| numbers.row_of_line(line)).collect();
         assert_eq!(rows, [1, 1, 1, 2, 2, 2, 3, 4, 5]);
-        // Of the separator semicolon, a decimal comma is no separator.
+        // If the separator is a semicolon, a decimal comma is no separator.
         let text = "1;2;\"Wdh: 12,5 mm\nund 13,1 mm\"\n";
         assert_eq!(rows_of(text), ["1;2;\"Wdh: 12,5 mm und 13,1 mm\""]);
     }

@@ -43,16 +43,16 @@ pub struct Table<'a> {
     /// The row on which `text` begins.
     first_line: usize,
     line_numbers: LineNumbers,
-    /// Whether quotes that close nothing were read as plain characters, or cells with line breaks were joined.
+    /// Whether unclosed quotes were read as plain characters, or cells with line breaks were joined.
     pub plain_quotes: bool,
     /// Number of lines above the data that are neither header nor units.
     pub n_skipped_above: usize,
-    /// Whether lines that begin with a comment sign are comments. As the mapping states it; true if at most one in five rows begins so. `None`: such a line is a
-    /// comment, unless it looks like a row of data; then it is ambiguous.
+    /// Whether lines that begin with a comment mark are comments: as the mapping states, or true if at most one in five rows begins with a
+    /// mark. `None`: such a line is a comment, except that one which looks like data is ambiguous.
     pub comments: Option<bool>,
-    /// Whether the last line has no line end: it may be cut off.
+    /// Whether the last line has no line break at its end. The file may have been cut off.
     pub is_open: bool,
-    /// Of a robot's program: where its points were, and which were not read.
+    /// For a robot program: the lines of its points, and the points that are not read.
     pub program: Option<ProgramRows>,
 }
 
@@ -88,7 +88,8 @@ impl<'a> Table<'a> {
         }
         let mut mapping = mapping.clone();
         if mapping.separator.is_none() {
-            // Where cells begin depends on the separator, and the separator on the header, whose cells may have line breaks.
+            // The places of cells depend on the separator, and the separator is found from the header, whose cells may contain line breaks.
+            // The table is therefore found twice.
             let rows = Rows::new(source.text.clone(), None)?;
             let first = Self::of_rows(rows, source.clone(), &mapping)?;
             mapping.separator = Some(first.separator);
@@ -151,7 +152,7 @@ impl<'a> Table<'a> {
             0 => 0,
             n => lines(text).nth(n - 1).map_or(text.len(), |line| line.end),
         };
-        // a stated header may be below the lines in which one is searched
+        // A stated header may be below the lines in which headers are searched.
         let n_above = (header_line.unwrap_or(1) - 1).min(above.len());
         let length_unit = stated_length_unit(&above[..n_above]);
         let over = header_line.and_then(|line| lines(text).nth(line.checked_sub(2)?));
@@ -302,7 +303,7 @@ impl<'a> Table<'a> {
                     .collect();
                 match places[..] {
                     [place] => Ok(place),
-                    // A number in quotes can only be a number where no column has a name.
+                    // A quoted number refers to a column by its number only if the columns have no names.
                     [] => match text.parse() {
                         Ok(number) if self.header_line.is_none() => {
                             self.place(&ColumnRef::Number(number))
@@ -328,7 +329,8 @@ impl<'a> Table<'a> {
         }
     }
 
-    /// The names of the columns for messages. Names in another encoding, such as GBK, are readable in UTF-8 only.
+    /// The names of the columns, for messages. Names in another encoding, such as GBK, would be unreadable; the message then asks for
+    /// UTF-8.
     pub fn names(&self) -> String {
         let names = listed(&self.header);
         match self.encoding == Encoding::Windows1252 && !names.is_ascii() {
@@ -374,11 +376,11 @@ fn may_be_data<'c>(mark: &str, cells: impl Iterator<Item = &'c str>, n_columns: 
     cells.len() >= n_columns.max(2) && numbers + usize::from(is_numeric(first)) >= 2
 }
 
-/// Number of other rows for one that begins like a comment, from which on it is a row that somebody left out.
+/// If there are at least this many other rows per row that begins like a comment, such rows were commented out.
 const ROWS_PER_COMMENT: usize = 4;
 
-/// True if a few rows begin like comments and most do not: these are rows that somebody left out. None if there are no such rows, or many: then the mark
-/// may be part of the points' names.
+/// True if a few rows begin like comments and most do not: somebody commented these rows out. None if there are no such rows, or many; in
+/// the second case, the mark may be part of the points' names.
 fn comments_are_told<'r>(
     rows: impl Iterator<Item = &'r str>,
     separator: Separator,

@@ -119,7 +119,7 @@ impl Resolution<'_> {
         }
         let unit = match unit {
             Unit::Missing => self.stated_unit(thing).map_or(unit, Unit::Is),
-            // two readings of the name itself: the stated unit is one of them
+            // The name itself has two readings; the stated unit is one of them.
             Unit::TwoReadings if thing.starts_with('q') => {
                 self.stated_unit(thing).map_or(unit, Unit::Is)
             }

@@ -1,4 +1,4 @@
-//! The rows of a table: reads them one by one to points and join keys, and refuses those that hold no measurement.
+//! Reads the rows of a table one by one to points and join keys, and refuses those that are no measurements.
 
 use crate::measurement::columns::column::Column;
 use crate::measurement::csv::number_text::without_unit;
@@ -15,7 +15,7 @@ use crate::measurement::table::lines::is_numeric;
 use crate::measurement::table::resolution::Used;
 use crate::measurement::table::{Next, Table};
 
-/// Cells of a column with and without a unit behind the number: how many, and the row of the first one.
+/// For a column: the number of cells with a unit after the number, that of cells without one, and the first row of each.
 #[derive(Clone, Copy, Debug, Default)]
 struct UnitsOfCells {
     n_with: usize,
@@ -36,15 +36,15 @@ pub struct Rows {
     n_rows: usize,
     /// Number of other rows that begin with a number.
     n_numbered: usize,
-    /// For each column, the cells with and without its unit behind the number.
+    /// For each column, the cells with and without a unit after the number.
     with_unit: Vec<UnitsOfCells>,
-    /// Rows that have the name of a statistic in front of their numbers.
+    /// Rows with the name of a statistic before their numbers.
     summaries: Vec<Summary>,
-    /// Rows that end before or behind the last column.
+    /// The number of cells in each row, compared with the columns that are read.
     ends: RowEnds,
-    /// Columns that may say which rows count.
+    /// Columns that may show which rows are valid.
     flags: Flags,
-    /// Names of points that say that a row does not count, or that two tables stand side by side.
+    /// Names of points that mark invalid rows, or that show two tables side by side.
     names: Names,
     /// For each point, the cell with its reflector.
     reflector_cells: Vec<String>,
@@ -52,7 +52,7 @@ pub struct Rows {
     pub reflectors: Vec<String>,
 }
 
-/// A row that has the name of a statistic in front of its numbers.
+/// A row with the name of a statistic before its numbers.
 struct Summary {
     row: usize,
     word: String,
@@ -74,9 +74,9 @@ pub struct Layout {
     pub units: Vec<Option<&'static str>>,
     /// The columns of join keys.
     pub keys: Vec<Used>,
-    /// Where the cells that are read stand.
+    /// The range of columns that are read.
     pub ends: Ends,
-    /// The columns that the caller leaves aside.
+    /// The columns that the mapping ignores.
     pub ignored: Vec<usize>,
     /// Whether the file is a stored upload that is read again in the same way.
     pub is_read_again: bool,
@@ -99,7 +99,7 @@ impl Layout {
         std::array::from_fn(factor)
     }
 
-    /// The cells in front of the first number that is read, and whether each is read as a label. One of them may be the name of a statistic.
+    /// The cells before the first number that is read, each with whether it is read as a label. One of them may be the name of a statistic.
     fn leading_cells<'r>(
         &self,
         row: &'r csv::StringRecord,
@@ -149,7 +149,7 @@ impl Rows {
         }
     }
 
-    /// Checks the reflectors of the points, and numbers them unless they have a `target_name`: the set numbers these.
+    /// Checks the reflectors of the points. Numbers them, unless they have a `target_name`; those are numbered by the set.
     pub fn number_reflectors(&mut self, layout: &Layout) {
         let column = layout.columns.iter().position(is_of_target);
         let Some(column) = column.filter(|_| self.issues.is_empty()) else {
@@ -175,7 +175,7 @@ impl Rows {
         }
     }
 
-    /// Refuses rows that hold no measurement. Of a file that was accepted once, all rows are measurements.
+    /// Refuses rows that are no measurements. In a stored file, which was accepted once, all rows are measurements.
     pub fn refuse_no_measurements(&mut self, table: &Table, layout: &Layout) {
         if layout.is_read_again {
             return;
@@ -196,13 +196,13 @@ impl Rows {
                 layout.millimetres(),
                 layout.columns.iter().any(is_joint),
             );
-            // No row was refused, so points and rows are counted alike.
+            // No row was refused before, so points and rows have the same indices.
             self.issues = found;
         }
     }
 
-    /// Refuses rows that have the name of a statistic in front of their numbers, if they are less than a quarter of all rows, or if all others begin with a number. In other
-    /// files the word is part of a normal column.
+    /// Refuses rows with the name of a statistic before their numbers: if all other rows begin with a number, or if they are less than a
+    /// quarter of all rows and the word is not read as a label. In other files the word is part of a normal column.
     fn refuse_summaries(&mut self) {
         let is_numbered =
             self.n_numbered > 0 && self.n_numbered + self.summaries.len() == self.n_rows;
@@ -222,7 +222,7 @@ impl Rows {
         }
     }
 
-    /// Refuses columns in which some numbers have a unit behind them and others have none.
+    /// Refuses columns in which only some numbers have a unit after them.
     fn refuse_some_units(&mut self, layout: &Layout) {
         for (column, units) in std::mem::take(&mut self.with_unit).into_iter().enumerate() {
             let (Some(with), Some(without)) = (units.first_with, units.first_without) else {
@@ -251,10 +251,10 @@ impl Rows {
         }
     }
 
-    /// A cell without the unit of its column behind the number.
+    /// A cell without the unit of its column after the number.
     ///
     /// # Errors
-    /// If it has another unit.
+    /// If the cell has another unit.
     fn bare<'r>(
         &mut self,
         row: usize,
@@ -350,7 +350,7 @@ impl Rows {
             let cell = row.cells.get(*place).unwrap_or("");
             match self.bare(index, cell, column, layout) {
                 Ok(cell) if is_of_target(&layout.columns[column]) && !cell.trim().is_empty() => {
-                    // numbered when all rows are known
+                    // Reflectors are numbered at the end, when all rows are known.
                     reflector = Some(cell.trim().to_owned());
                     let is_name = layout.columns[column] == Column::TargetName;
                     cells.push_field(if is_name { cell } else { "0" });

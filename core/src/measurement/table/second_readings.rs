@@ -1,5 +1,5 @@
-//! Columns that are left aside and have numbers like those that are read: a second position in every row, or second values of all joints. Nothing says
-//! which of both was measured.
+//! Unused columns with numbers like those of used columns: a second position in every row, or a second value of every joint. The file does
+//! not state which of the two was measured, so the user is asked.
 
 use crate::measurement::columns::mapping::Needs;
 use crate::measurement::columns::meaning::{thing, unit};
@@ -12,33 +12,33 @@ use crate::measurement::table::groups::NOT_MEASURED;
 use crate::measurement::table::resolution::Resolution;
 use std::collections::BTreeMap;
 
-/// Words in names of columns that are plainly no second measurement, beside those above groups of columns.
+/// Words in names of columns that are clearly no second measurement, in addition to the words above groups of columns.
 const OTHER_WORDS: &str = "robot|rob|flange|cmd|target|set|setpoint|desired|demand|goal|plan|planned|for|theo|theor|err|fehler|differenz|tol|tolerance|\
     toleranz|unc|stdev|stddev|σ|offset|correction|normal|orientation|rotation|rot|quat|quaternion|angle|winkel|vector|velocity|vel|speed|acc|acceleration|\
     force|torque|moment|pixel|px|ref|fit|fitted";
-/// Letters in front of an axis that make it a deviation, an uncertainty, a rotation, a velocity or a force.
+/// Letters before an axis that mean a deviation, an uncertainty, a rotation, a velocity or a force.
 const OTHER_LETTERS: &str = "d|δ|∆|u|σ|r|q|v|f";
-/// Units of what is no length.
+/// Units that are no units of length.
 const OTHER_UNITS: &str = "n|nm|kn|mnm|v|a|g|px|hz|c|k|pulse|pulses|count|counts|inc";
-/// Number of rows that are looked at.
+/// Number of rows that are examined.
 const SAMPLE: usize = 500;
-/// Least extent of positions, as a share of that of the positions that are read.
+/// Minimum extent of second positions, as a share of the extent of the positions that are read.
 const MIN_EXTENT: f64 = 0.05;
-/// Positions in another unit and frame are known by the distances between rows: their least correlation.
+/// Minimum correlation of the distances between successive rows. Positions in another unit or frame are recognised by these distances.
 const MIN_CORRELATION: f64 = 0.9;
 /// Minimum number of rows for a correlation.
 const MIN_ROWS: usize = 5;
-/// Two readings of one joint differ by less, degrees.
+/// Two columns are readings of the same joint if they differ by less, degrees.
 const SAME_JOINT_DEG: f64 = 5.0;
 
-/// A name around an axis or a number: what stands in front of it and behind it.
+/// A name without its axis or number: the text before it, and the text after it.
 type Around = (String, String);
 /// A column with its unit.
 type Column = (usize, Option<Unit>);
-/// For each name around an axis or a number, the columns of the axes or numbers.
+/// For each name without its axis or number: the columns of all axes or numbers.
 type ByName<const N: usize> = BTreeMap<Around, [Option<Column>; N]>;
 
-/// Asks which columns were measured, if others have numbers like them. `known` has the meanings of the columns by their names.
+/// Asks which columns were measured if unused columns have similar numbers. `known` has the meanings of the columns by their names.
 pub fn ask_for_second_readings(resolution: &mut Resolution, known: &[(usize, Known)]) {
     let free = |place: &usize| !resolution.taken.contains(place);
     let free: Vec<usize> = (known.iter())
@@ -54,7 +54,7 @@ pub fn ask_for_second_readings(resolution: &mut Resolution, known: &[(usize, Kno
     }
 }
 
-/// Whether the name says a position or a joint value: it is in a group of columns that was not measured.
+/// Whether the name means a position or a joint value. Such a column is unused only because its group was not measured.
 fn has_known_name(resolution: &Resolution, place: usize) -> bool {
     let (name, below) = resolution.names()[place];
     matches!(
@@ -63,7 +63,7 @@ fn has_known_name(resolution: &Resolution, place: usize) -> bool {
     )
 }
 
-/// The columns that are read for some quantities, with their units, if none of them is from the mapping.
+/// The columns that are read for some quantities, with their units. `None` if one of them is from the mapping.
 fn read_by_name(
     resolution: &Resolution,
     things: &[String],
@@ -85,7 +85,7 @@ fn is_other(around: &Around) -> bool {
         || is_one_of(OTHER_LETTERS, front)
 }
 
-/// Whether a name ends with a unit in brackets that is none of lengths.
+/// Whether a name ends with a unit in brackets that is no unit of length.
 fn has_other_unit(behind: &str) -> bool {
     let Some((_, inner)) = behind.rsplit_once(['[', '(']) else {
         return false;
@@ -94,7 +94,7 @@ fn has_other_unit(behind: &str) -> bool {
     inner.contains(['/', '%']) || is_one_of(OTHER_UNITS, inner.trim())
 }
 
-/// Columns by what stands around one of `parts` in their names: for each part, a column with its unit.
+/// Columns whose names contain one of `parts`, by the rest of the name: for each part, a column with its unit.
 fn by_name<const N: usize>(
     resolution: &Resolution,
     free: &[usize],
@@ -139,7 +139,7 @@ fn numbers(base: &str) -> Vec<(usize, std::ops::Range<usize>)> {
     found
 }
 
-/// The numbers of some columns in the first rows; rows with other cells are left out.
+/// The numbers of some columns in the first rows, without rows in which such a cell is no number.
 fn values(table: &Table, places: &[usize]) -> Vec<Vec<f64>> {
     let number = |cell: &str| value(cell, Decimal::Point).or_else(|| value(cell, Decimal::Comma));
     let numbers = |row: &Vec<String>| -> Option<Vec<f64>> {
@@ -198,7 +198,7 @@ fn second_positions(resolution: &mut Resolution, free: &[usize]) {
     }
 }
 
-/// Whether the last three numbers of each row are positions, as the first three are. `scales` are their units in mm.
+/// Whether the last three numbers of each row are positions like the first three. `scales` are their units in mm.
 fn are_positions(rows: &[Vec<f64>], scales: [f64; 2]) -> bool {
     let extent = |first: usize| -> f64 {
         let of_axis = |axis: usize| {
@@ -254,7 +254,7 @@ fn second_joints(resolution: &mut Resolution, free: &[usize]) {
         return;
     };
     for (around, columns) in by_name::<MAX_JOINTS>(resolution, free, numbers) {
-        // counted from 0 or from 1
+        // Joints may be counted from 0 or from 1.
         let counted = [&columns[..n], &columns[1..=n]];
         let whole = counted
             .into_iter()

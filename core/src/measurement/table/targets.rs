@@ -1,5 +1,5 @@
-//! A program as a table: which columns are its targets, what they are, and where their cells are. The table is read as a measurement file is; of the
-//! columns of one joint, the commanded values are meant and not the measured ones.
+//! A program as a table: finds the columns of its targets, their meanings, and the places of their cells. The table is read like a
+//! measurement file. If a joint has several columns, the commanded values are used and not the measured ones.
 
 use crate::measurement::columns::mapping::{ColumnRef, Mapping, Separator};
 use crate::measurement::columns::names::{ANGLES, Known, Unit, recognise};
@@ -17,14 +17,14 @@ use crate::measurement::table::text::Source;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-/// Words that tell commanded values from measured ones.
+/// Words that distinguish commanded values from measured ones.
 const COMMANDED: &str = "target|commanded|command|cmd|nominal|nom|soll|desired|setpoint|programmed|goal|reference|\
     ref";
 /// Columns of a Cartesian target.
 const POSITION: [&str; 3] = ["x_mm", "y_mm", "z_mm"];
 const QUATERNION: [&str; 4] = ["quat_w", "quat_x", "quat_y", "quat_z"];
 const ANGLES_DEG: [&str; 3] = ["rx_deg", "ry_deg", "rz_deg"];
-/// Largest share by which a cell may differ from the value that was read from it.
+/// Largest relative difference between a cell and the value that was read from it.
 const RELATIVE_TOLERANCE: f64 = 1e-9;
 
 /// A column with joint values.
@@ -58,7 +58,7 @@ pub struct Targets {
     pub position: Option<[usize; 3]>,
     /// Columns of the quaternion.
     pub quaternion: Option<[usize; 4]>,
-    /// Columns of three angles that are a rotation by some convention.
+    /// Columns of three angles of a rotation; the convention is stated separately.
     pub angles: Option<[usize; 3]>,
     /// Names of columns with poses that belong to the joint values.
     pub other_poses: Vec<String>,
@@ -70,7 +70,8 @@ pub struct Targets {
     pub rows: Vec<TargetRow>,
 }
 
-/// Reads the targets of a table. `mapping` states what the names of its joint columns do not, `stated_pose` which columns a Cartesian target has.
+/// Reads the targets of a table. `mapping` states the meanings of joint columns whose names do not show them; `stated_pose` states the
+/// columns of a Cartesian target.
 ///
 /// # Errors
 /// As [`points::read`], and if the cells of a row cannot be found again in the text.
@@ -94,7 +95,7 @@ pub fn read_targets(
     mapping.columns.extend(preferred);
     let options = TableOptions {
         mapping: &mapping,
-        // Without names that count, the columns may be the six axes S, L, U, R, B and T.
+        // If no names show the number of joints, the columns may be the six axes S, L, U, R, B and T.
         n_joints: n_joints_named(&table, &mapping).unwrap_or(6).max(1),
         needs: Needs::Joints,
         rotation: None,
@@ -116,7 +117,7 @@ pub fn read_targets(
         }
     }
     let joints: Vec<JointColumn> = joints.into_values().collect();
-    // a column that is a joint, or that the caller leaves aside, is no part of a pose
+    // A column of a joint, or one that the mapping ignores, is not part of a pose.
     let is_free = |place: usize| {
         let ignored = mapping
             .ignore
@@ -145,7 +146,7 @@ pub fn read_targets(
         q_rad.map(|q| q.to_degrees()).collect::<Vec<f64>>()
     });
     let places = Places::new(&source.text, table.separator);
-    // A unit behind a number stays.
+    // A unit after a number is kept.
     let number = |place: Range<usize>| {
         let (number, _) = without_unit(&source.text[place.clone()]);
         place.start..place.start + number.len()
@@ -196,10 +197,10 @@ fn joint(means: &str) -> Option<(usize, &str)> {
     Some((base.strip_prefix('q')?.parse().ok()?, unit))
 }
 
-/// The meaning of a header whose name says that its values are commanded.
+/// The meaning of a header that is marked as commanded.
 fn commanded(header: &str, below: Option<Unit>) -> Known {
     let lower = header.trim().to_lowercase();
-    // Field of the RTDE interface of Universal Robots. It is defined to be in radians.
+    // A field of Universal Robots' RTDE interface, which is defined to be in radians.
     if let Some(number) = lower.strip_prefix("target_q_").and_then(|n| n.parse().ok()) {
         return Known::Joint(number, Unit::Is("rad"));
     }
@@ -220,7 +221,7 @@ fn commanded(header: &str, below: Option<Unit>) -> Known {
     }
 }
 
-/// The columns that the mapping does not leave aside: index and name.
+/// The columns that the mapping does not ignore: index and name.
 fn names<'t>(table: &'t Table, mapping: &Mapping) -> impl Iterator<Item = (usize, &'t String)> {
     let ignored = mapping.ignore.iter();
     let ignored: Vec<usize> = ignored
@@ -230,10 +231,10 @@ fn names<'t>(table: &'t Table, mapping: &Mapping) -> impl Iterator<Item = (usize
     names.filter(move |(place, _)| !ignored.contains(place))
 }
 
-/// The columns of commanded joint values: meaning, and index of the column. Empty unless each joint has one.
+/// The columns of commanded joint values: meaning, and index of the column. Empty unless every joint has one.
 ///
 /// # Errors
-/// If a joint has two such columns, or one without a unit: measured values must not be corrected in their place.
+/// If a joint has two such columns, or one without a unit. Measured values must not be corrected instead.
 fn commanded_joints(table: &Table, mapping: &Mapping) -> Result<Vec<(String, usize)>, ParseError> {
     let units = table.units.as_ref();
     let below = |place: usize| units.and_then(|units| units.get(place).copied().flatten());
@@ -274,7 +275,7 @@ fn commanded_joints(table: &Table, mapping: &Mapping) -> Result<Vec<(String, usi
     }
 }
 
-/// Number of joints that a mapping or the names of columns count.
+/// Number of joints according to the mapping or the names of columns.
 fn n_joints_named(table: &Table, mapping: &Mapping) -> Option<usize> {
     let stated = mapping.columns.iter();
     let stated = stated.filter_map(|(means, _)| joint(means).map(|(number, _)| number));
@@ -357,7 +358,7 @@ mod tests {
             ["A1 Soll [°]", "A2 Soll [°]"]
         );
         assert_eq!(columns("q1_measured_deg,q1_cmd_deg\n1,2\n"), ["q1_cmd_deg"]);
-        // Measured values are not corrected in place of commanded ones.
+        // Measured values must not be corrected instead of commanded ones.
         let refused = |text: &str, mapping: &Mapping| {
             let source = Source::decode(text.as_bytes()).unwrap();
             read_targets(&source, mapping, &[]).unwrap_err().issues[0].code

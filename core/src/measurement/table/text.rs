@@ -45,7 +45,7 @@ pub struct Source<'a> {
     pub text: Cow<'a, str>,
     /// The encoding of the file.
     pub encoding: Encoding,
-    /// Of a robot's program: where its points were, and which were not read.
+    /// For a robot program: the lines of its points, and the points that are not read.
     pub program: Option<ProgramRows>,
 }
 
@@ -178,7 +178,8 @@ fn utf16(bytes: &[u8], encoding: Encoding) -> Result<Source<'_>, ParseError> {
     }
 }
 
-/// A text as the bytes of a file. `has_mark` says whether it begins with a byte order mark. Workbooks and programs become UTF-8.
+/// Encodes a text as the bytes of a file. `has_mark` states whether the file begins with a byte order mark. Workbooks and programs are
+/// written as UTF-8.
 pub fn encoded(text: &str, encoding: Encoding, has_mark: bool) -> Vec<u8> {
     let marked: String = has_mark.then_some('\u{feff}').into_iter().collect();
     let units = || marked.encode_utf16().chain(text.encode_utf16());

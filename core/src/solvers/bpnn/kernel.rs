@@ -194,7 +194,7 @@ fn output_deltas(network: &Network, targets: &Samples, pass: &mut Pass) -> f64 {
     let share = 1.0 / (pass.n_samples * n_outputs) as f64;
     let mut squares = [0.0; LANES];
     for block in 0..pass.n_blocks {
-        // lanes beyond the last sample do not count
+        // Lanes beyond the last sample are ignored.
         let used: Lanes = std::array::from_fn(|lane| {
             if block * LANES + lane < pass.n_samples {
                 1.0

@@ -239,9 +239,10 @@ impl Memories {
     }
 }
 
-/// iRprop⁻ [Igel, Hüsken 2000: Improving the Rprop learning algorithm]: every weight has its own step. The step grows by 1.2 while the sign of its
-/// gradient stays the same, and halves when the sign changes; the weight is then not changed for one epoch. The rule needs no learning rate, so it works
-/// equally well for answers inside the search box and far outside. With equal targets it comes close without collapsing onto the target.
+/// iRprop⁻ [Igel, Hüsken 2000: Improving the Rprop learning algorithm]: every weight has its own step. The step grows by 1.2 while the sign
+/// of the weight's gradient stays the same. It halves when the sign changes; the weight is then not changed for one epoch. The rule needs
+/// no learning rate, so it works equally well for targets inside the search box and far outside. If all targets are equal, the network
+/// comes close to the target and still gives different answers for different inputs.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2+fma"))]
 fn rprop(weights: &mut [f64], gradient: &[f64], memory: &mut Memory) {
     let n = weights.len();

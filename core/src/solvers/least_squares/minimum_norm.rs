@@ -102,7 +102,7 @@ fn shortest(matrix: &mut [f64], rhs: &mut [f64], rank: usize) {
         back_substitute(triangle, &mut v[..rank], n);
         v[rank..].fill(0.0);
         v[rank + j] = 1.0;
-        // twice: after one pass, the rounding errors of a long vector remain
+        // Twice: after one pass, rounding errors of a long vector remain.
         for _ in 0..2 {
             for unit in earlier.chunks_exact(n) {
                 let factor = -dot(unit, v);

@@ -81,7 +81,7 @@ pub enum Termination {
     IterationLimit,
     /// The residuals at the start, or a Jacobian, were not finite.
     NotFinite,
-    /// The monitor asked to stop.
+    /// The monitor stopped the search.
     Stopped,
 }
 

@@ -44,7 +44,7 @@ pub enum Termination {
     IterationLimit,
     /// The best cost reached [`Options::stop_at_cost`].
     CostReached,
-    /// The monitor asked to stop.
+    /// The monitor stopped the search.
     Stopped,
 }
 

@@ -107,7 +107,7 @@ fn keep_own_best(
         }
     }
     let lowest = lowest.into_iter().fold(f64::INFINITY, f64::min);
-    // only few particles improve
+    // Only a few particles improve.
     for i in 0..n {
         if costs[i] < own_best_costs[i] {
             own_best_costs[i] = costs[i];

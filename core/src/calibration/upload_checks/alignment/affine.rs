@@ -11,7 +11,7 @@ const ROUNDING_SHARE: f64 = 1e-9;
 /// Rotation and origin of a link's frame, mm.
 pub(super) type LinkFrame = (Matrix3<f64>, Vector3<f64>);
 
-/// Sum of squared distances from the centre, mm², without the points that lie farthest from the centre of all points.
+/// Sum of squared distances from the centre, mm². The points farthest from the centre of all points are left out.
 pub(super) fn scatter_mm2(points: &[Vector3<f64>]) -> f64 {
     let sum: Vector3<f64> = points.iter().sum();
     let centre = sum / points.len() as f64;
@@ -26,8 +26,8 @@ pub(super) fn scatter_mm2(points: &[Vector3<f64>]) -> f64 {
     kept.iter().map(|(_, p)| (*p - centre).norm_squared()).sum()
 }
 
-/// Projector onto the space orthogonal to the measured coordinates and to a constant: it leaves the remainder of data after the best affine function of
-/// the measured positions is subtracted.
+/// Projector onto the orthogonal complement of the measured coordinates and a constant. It leaves the remainder of the data after the best
+/// affine function of the measured positions is subtracted.
 pub(super) fn beyond_affine(positions: &[Vector3<f64>]) -> DMatrix<f64> {
     let n = positions.len();
     let columns = DMatrix::from_fn(n, 4, |row, column| match column {
@@ -52,7 +52,7 @@ pub(super) fn affine_cost_mm2(beyond_affine: &DMatrix<f64>, frames: &[LinkFrame]
         right += r.tr_mul(&t);
         squares += t.norm_squared();
     }
-    // a small ridge, which only bounds unobservable components
+    // A small ridge, which only bounds unobservable components.
     let ridge = normal.trace() * ROUNDING_SHARE + f64::MIN_POSITIVE;
     let along = (normal + Matrix3::identity() * ridge)
         .cholesky()

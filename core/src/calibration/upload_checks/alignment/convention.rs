@@ -126,7 +126,7 @@ impl Convention {
                 }
             })
             .collect();
-        // adding 0 turns -0 into 0, which is displayed
+        // Adding 0 converts -0 to 0; -0 would be displayed.
         let coupling = DMatrix::from_fn(n, n, |i, j| rates[(i, j)] * sign[j] + 0.0);
         JointMap {
             sign,
@@ -149,7 +149,7 @@ impl Convention {
         columns.join(", ")
     }
 
-    /// Description of the convention, in words.
+    /// Text that describes the convention.
     pub fn words(&self) -> String {
         let reversed: Vec<usize> = joints(&self.reversed, |reversed| *reversed);
         let mut words = Vec::new();

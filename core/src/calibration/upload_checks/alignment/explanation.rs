@@ -6,21 +6,23 @@ use crate::measurement::{MeasurementSet, Point};
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
-/// Threshold of the rms as a share of the reach. With unmastered joints placed, the nominal robot fits correct data of real robots to 0.5 % of its
-/// reach. Above twice that, a set is examined. A set that nothing explains, other joint zeros included, is refused above this threshold.
+/// Largest rms of a set that fits, as a share of the reach. With the zeros of unmastered joints fitted, the nominal robot fits correct data
+/// of real robots to 0.5 % of its reach. Above twice that, a set is examined. It is refused if no hypothesis explains it, not even other
+/// joint zeros.
 pub const FITS: f64 = 0.01;
 
-/// A hypothesis has to fit better by this factor before a set is called wrong.
+/// A set is called wrong only if a hypothesis fits better by this factor.
 pub const BETTER: f64 = 5.0;
 
-/// A hypothesis with an rms within this share of the reach is reported if it fits [`BETTER`] times better. Positions whose frame is off by less than
-/// this are in a poorly known base frame, not in another frame.
+/// A hypothesis with an rms within this share of the reach is reported if it fits [`BETTER`] times better. If a frame is off by less than
+/// this, it is a poorly known base frame and not another frame.
 pub const COMES_NEAR: f64 = 0.02;
 
-/// Largest zero error of a joint that was never mastered, rad (45°). A larger one means another convention, or another frame.
+/// Largest zero error of a joint that was never mastered, rad (45°). A larger one is another convention or another frame.
 pub const UNMASTERED_RAD: f64 = PI / 4.0;
 
-/// Maximum number of points that are examined, evenly from the whole set: enough to decide, and fast enough for every upload.
+/// Maximum number of points that are examined, evenly selected from the whole set. This is enough for a decision and fast enough for every
+/// upload.
 const MAX_POINTS: usize = 40;
 
 /// Probable cause of a misfit.
@@ -37,21 +39,21 @@ pub enum Explanation {
     },
 }
 
-/// Why a set is refused.
+/// The reason why a set is refused.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Suspicion {
     /// One of [`SUSPICIONS`].
     pub code: &'static str,
     /// Columns concerned, as named in a CSV header.
     pub columns: Option<String>,
-    /// In words, with both figures and what to do.
+    /// Text with both figures and the remedy.
     pub detail: String,
     /// The joint map that the robot should have.
     pub joint_map: Option<JointMap>,
 }
 
 impl Suspicion {
-    /// The message if the set is not kept.
+    /// Message for a set that was refused.
     pub fn refusal(&self) -> String {
         format!(
             "{}{} To keep it all the same, insist on {}: no release then rests on it",

@@ -19,8 +19,8 @@ use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use std::f64::consts::PI;
 use std::ops::Range;
 
-/// Minimum redundancy for any conclusion. With it, a wrong robot whose points are off by a tenth of its reach fits to a hundredth by chance in one of
-/// 10⁶ files.
+/// Minimum redundancy for any conclusion. With it, a wrong robot whose points are off by a tenth of its reach fits to a hundredth of the
+/// reach by chance in one of 10⁶ files.
 const SPARE_EQUATIONS: usize = 6;
 /// Unknowns of a free base in closed form: nine of its rotation, three of its translation.
 const CLOSED_FORM_BASE: usize = 12;
@@ -32,7 +32,7 @@ const CONCENTRATIONS: usize = 6;
 const SUBSETS: usize = 8;
 /// Rows of such a subset in addition to those that the closed form needs: eight rows with one target.
 const SPARE_ROWS: usize = 3;
-/// Number of starts with other joint zeros, number of their results that are refined without gross rows, and the largest zero error of a start, rad
+/// Number of starts with other joint zeros; number of their results that are refined without gross rows; largest zero error of a start, rad
 /// (45°).
 const ZERO_STARTS: usize = 10;
 const ZERO_ENDS: usize = 3;
@@ -41,9 +41,9 @@ const WIDEST_RAD: f64 = PI / 4.0;
 const EQUALLY_GOOD: f64 = 1.5;
 /// If the points' spread is below this share of the arm's reach, their unit may be larger than assumed.
 const SMALL_SPREAD: f64 = 0.02;
-/// Spread that counts at least, as a share of the reach: one position in all rows has none.
+/// Lower limit of the spread, as a share of the reach. If all rows have the same position, the spread is zero.
 const LEAST_SPREAD: f64 = 1e-4;
-/// If the flanges' spread is below this share of the arm's reach, the poses are one pose with joints read to 0.001°.
+/// If the spread of the flanges is below this share of the arm's reach, all poses count as one pose whose joints were read to 0.001°.
 const SAME_POSE: f64 = 1e-5;
 
 /// A robot fitted to points.
@@ -55,7 +55,7 @@ pub(super) struct Fitted {
     pub model: KinematicModel,
 }
 
-/// The robot's length along its links, but at least the spread of the points, for an arm without lengths.
+/// The robot's length along its links, but at least the spread of the points, for a robot whose links have no length.
 pub(super) fn reach_mm(links: &[Link], observations: &[Observation]) -> f64 {
     let of_links: f64 = links.iter().map(|l| l.a_mm.abs() + l.d_mm.abs()).sum();
     of_links.max(spread_mm(observations))
@@ -102,15 +102,15 @@ fn spare_equations(n_points: usize, n_free: usize) -> Option<usize> {
     (spare >= SPARE_EQUATIONS).then_some(spare)
 }
 
-/// The fit with its rms, computed with the redundancy. The rms is scaled up if the points hardly differ in position, as with metres taken for
-/// millimetres: such points would always seem to fit. `None` if the redundancy is too small for a conclusion.
+/// The fit with its rms, computed with the redundancy. If the points hardly differ in position, e.g. because metres were taken for
+/// millimetres, they would always seem to fit; the rms is then scaled up. `None` if the redundancy is too small for a conclusion.
 fn fitted(model: KinematicModel, observations: &[Observation], n_free: usize) -> Option<Fitted> {
     let spare = spare_equations(observations.len(), n_free)?;
     let reach_mm = kinematics::reach_mm(&model.links);
     let unlike = match flange_spread_mm(&model.links, observations) > SAME_POSE * reach_mm {
         true => (SMALL_SPREAD * reach_mm / spread_mm(observations).max(LEAST_SPREAD * reach_mm))
             .max(1.0),
-        // poses that do not differ give close points for any robot
+        // If the poses do not differ, the points are close together for any robot.
         false => 1.0,
     };
     let rms_mm = (3.0 * cost(&model, observations) / spare as f64).sqrt() * unlike;
@@ -174,7 +174,7 @@ pub(super) fn placed(links: &[Link], observations: &[Observation], frame: Frame)
     )
 }
 
-/// As [`placed`], and also from bases in all directions. Used before a set is said not to fit.
+/// As [`placed`], but also starts from bases in all directions. Used before a set is said not to fit.
 pub(super) fn placed_thoroughly(
     links: &[Link],
     observations: &[Observation],
@@ -244,7 +244,7 @@ fn concentrated(
         }
         model = fit_least_squares(&model, parameters, &kept).model;
         let next = fitted(model.clone(), &kept, parameters.len())?;
-        // an rms that falls by less than one per cent has converged
+        // The fit has converged if the rms decreases by less than one per cent.
         let is_settled = found
             .as_ref()
             .is_some_and(|last| next.rms_mm > 0.99 * last.rms_mm);
@@ -274,7 +274,7 @@ impl Zeroed {
     }
 }
 
-/// Fast fit with every joint's zero free, from the robot as it stands.
+/// Fast fit with every joint's zero free, starting from the given links.
 pub(super) fn quickly_with_free_zeros(
     links: &[Link],
     observations: &[Observation],
@@ -283,8 +283,9 @@ pub(super) fn quickly_with_free_zeros(
     with_zeros_from(links, observations, frame, 0, 0.0)
 }
 
-/// Thorough fit with every joint's zero free, from several starts. An rms of `enough_mm` ends the search for a better start. Two zeros are not
-/// observable: the last joint's is a rotation of the target, and the first joint's is a rotation of the base if the base is free.
+/// Thorough fit with every joint's zero free, from several starts. An rms of `enough_mm` ends the search for a better start. Two zeros are
+/// not observable. That of the last joint is equivalent to a rotation of the target; that of the first joint is equivalent to a rotation of
+/// the base if the base is free.
 pub(super) fn with_free_zeros(
     links: &[Link],
     observations: &[Observation],
@@ -294,7 +295,8 @@ pub(super) fn with_free_zeros(
     with_zeros_from(links, observations, frame, ZERO_STARTS, enough_mm)
 }
 
-/// Joints whose zero is observable. The last joint's is a rotation of the target, and the first joint's a rotation of the base if the base is free.
+/// Joints whose zero is observable. The zero of the last joint is equivalent to a rotation of the target, that of the first joint to a
+/// rotation of the base if the base is free.
 fn seen_joints(links: &[Link], frame: Frame) -> Range<usize> {
     let first = usize::from(frame == Frame::Instrument);
     first..links.len().saturating_sub(1).max(first)

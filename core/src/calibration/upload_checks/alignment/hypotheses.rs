@@ -20,7 +20,7 @@ pub enum Hypothesis {
     MirroredAxis(usize),
     /// Two joints' columns are exchanged.
     JointColumns(usize, usize),
-    /// Positions stand this many rows below their joint values.
+    /// Positions are this many rows below their joint values.
     ShiftedRows(isize),
     /// Measured on another robot, given by its index in a list.
     Robot(usize),
@@ -144,7 +144,7 @@ impl Hypothesis {
         })
     }
 
-    /// The hypothesis in words; `others` are the names of the other robots.
+    /// Text about the hypothesis; `others` are the names of the other robots.
     pub fn words(&self, others: &[&str]) -> String {
         match self {
             Self::Units { joints, positions } => [joint_unit(*joints), length_unit(*positions)]

@@ -20,12 +20,12 @@ const COMPARED_POINTS: usize = 18;
 /// Minimum number of points of one target for trying all conventions. With fewer, one of them would fit by chance, and only makers' conventions are
 /// tried. Twelve points give 36 equations for the fifteen unknowns of base and target.
 const MIN_POINTS: usize = 12;
-/// Number of disjoint selections of points, tried in turn. A gross row spoils the selection that contains it.
+/// Number of disjoint selections of points, tried in turn, because a gross row spoils its selection.
 const CHOICES: usize = 2;
 /// Maximum number of joints with a turned zero. The first and the last joint are often unobservable, and the number of conventions grows with each
 /// joint.
 const MAX_TURNED: usize = 3;
-/// Long arms have many sign patterns, so fewer turned zeros are tried. From these numbers of joints on: at most two, at most one, and none.
+/// Numbers of joints from which at most two, at most one, and no turned zero is tried. Arms with more joints have more sign patterns.
 const TWO_TURNED_FROM: usize = 7;
 const ONE_TURNED_FROM: usize = 8;
 const NONE_TURNED_FROM: usize = 10;
@@ -33,17 +33,17 @@ const NONE_TURNED_FROM: usize = 10;
 const EQUALLY_GOOD_RATIO: f64 = 2.0;
 /// Maximum number of conventions that are fitted to all points.
 const FITTED: usize = 40;
-/// Maximum number of conventions that are fitted without gross rows.
+/// Maximum number of conventions that are refitted without gross rows.
 const MAX_REFITTED: usize = 6;
-/// Number of sign and coupling patterns that are fitted with free joint zeros, in addition to those of makers. The nearest without free zeros are
-/// taken.
+/// Number of sign and coupling patterns that are fitted with free joint zeros, in addition to the makers' patterns. Those that fit best
+/// without free zeros are taken.
 const WITH_ZEROS: usize = 12;
 /// Such a pattern is fitted thoroughly if its rms is within this factor of `fits_mm`.
 const MAX_REFIT_RATIO: f64 = 5.0;
 /// Minimum number of joints: makers' conventions concern joints 2 and 3.
 const MIN_JOINTS: usize = 3;
 
-/// One possible turning of a joint in a convention, at each of the compared points.
+/// One direction and coupling of a joint in a convention, at each of the compared points.
 struct Turning {
     reversed: bool,
     /// Factor of joint 2's own value, before its sign.
@@ -83,7 +83,7 @@ pub(super) fn search(
             .iter()
             .map(|(_, fit)| fit.rms_mm)
             .fold(f64::INFINITY, f64::min);
-        // candidates are sorted, simplest first
+        // The candidates are sorted, simplest first.
         let simplest = fits
             .into_iter()
             .find(|(_, fit)| fit.rms_mm <= EQUALLY_GOOD_RATIO * best_mm);
@@ -119,8 +119,8 @@ fn of_makers(
         .min_by_key(|(convention, _)| convention.complexity())
 }
 
-/// As [`search`], with every joint's zero free: joints that were never mastered hide a maker's convention. Zeros shifted by quarter turns are left to
-/// [`search`]. Only a convention that fits is returned.
+/// As [`search`], with every joint's zero free, because joints that were never mastered hide a maker's convention. Zeros shifted by quarter
+/// turns are left to [`search`]. Only a convention that fits is returned.
 pub(super) fn search_with_zeros(
     links: &[Link],
     observations: &[Observation],
@@ -143,7 +143,7 @@ pub(super) fn search_with_zeros(
         .map(|tried| search.convention(&tried.path))
         .collect();
     for maker in Convention::of_makers(links.len()) {
-        // a coupling alone is among the nearest patterns if it fits well
+        // A coupling alone is among the nearest patterns if it fits well.
         if maker.reversed.contains(&true) && !all.contains(&maker) {
             all.push(maker);
         }
@@ -153,7 +153,7 @@ pub(super) fn search_with_zeros(
     simplest(with_zeros, fits_mm)
 }
 
-/// The conventions that come near with every joint's zero free.
+/// The conventions that fit nearly well enough with every joint's zero free.
 fn with_all_zeros(
     links: &[Link],
     observations: &[Observation],
@@ -181,8 +181,8 @@ fn with_all_zeros(
     quick.into_iter().filter_map(thoroughly).collect()
 }
 
-/// The simplest of the conventions that fit about as well as the best one, with zero errors that unmastered joints may have. Of equally simple ones,
-/// the one with the smallest zero errors.
+/// The simplest of the conventions that fit about as well as the best one, with zero errors that are possible for unmastered joints. Among
+/// equally simple ones, the one with the smallest zero errors.
 fn simplest(mut fits: Vec<(Convention, Zeroed)>, fits_mm: f64) -> Option<(Convention, Zeroed)> {
     fits.retain(|(_, zeros)| zeros.rms_mm <= fits_mm && zeros.largest_rad() <= UNMASTERED_RAD);
     let best_mm = fits
@@ -196,8 +196,8 @@ fn simplest(mut fits: Vec<(Convention, Zeroed)>, fits_mm: f64) -> Option<(Conven
     })
 }
 
-/// The conventions that fit all points about as well as the best one, in their order. All are fitted fast, then the remaining ones without gross
-/// rows.
+/// The conventions that fit all points about as well as the best one, in their order. All are fitted fast first; the remaining ones are
+/// then refitted without gross rows.
 fn fitted(
     links: &[Link],
     candidates: Vec<Convention>,
@@ -276,7 +276,7 @@ fn candidates(
         .filter(|(complexity, ..)| *complexity > 0)
         .collect();
     near.sort_by(|a, b| a.1.total_cmp(&b.1));
-    // first the best-fitting ones, however complex, then the simplest
+    // First the best-fitting ones, whatever their complexity, then the simplest.
     let few = near.len().min(FITTED / 4);
     let mut rest = near.split_off(few);
     rest.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
@@ -297,7 +297,7 @@ struct Search<'a> {
     /// Transform from each link's frame to the next one, before its joint turns.
     fixed: Vec<LinkFrame>,
     positions: Vec<Vector3<f64>>,
-    /// Projector onto what no affine image of the measured positions explains.
+    /// Projector onto the part that no affine image of the measured positions explains.
     beyond_affine: DMatrix<f64>,
     tried: Vec<Tried>,
 }
@@ -339,8 +339,8 @@ impl<'a> Search<'a> {
         self.outwards(0, &base, Path::default(), 0);
     }
 
-    /// Number of quarter turns to try. Two zeros are not observable: the last joint's is a rotation of the target, and the first joint's is a
-    /// rotation of the base if the base is free.
+    /// Number of quarter turns to try. Two zeros are not observable. That of the last joint is equivalent to a rotation of the target; that
+    /// of the first joint is equivalent to a rotation of the base if the base is free.
     fn n_quarter_turns(&self, joint: usize, n_turned: usize) -> u8 {
         let is_seen = joint + 1 < self.links.len() && (joint > 0 || self.frame == Frame::Base);
         if is_seen && n_turned < self.most_turned {
@@ -379,8 +379,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// How badly flanges in the base's frame fit the measured points. With a known base, the points are one point in the flange's frame if the convention
-    /// is right.
+    /// Misfit of the flanges (in the base frame) to the measured points, mm². With a known base and the right convention, all points
+    /// coincide in the flange frame.
     fn cost_mm2(&self, flanges: &[LinkFrame]) -> f64 {
         match self.frame {
             Frame::Base => {
@@ -435,7 +435,7 @@ fn turned((s, c): (f64, f64), quarter_turns: u8) -> (f64, f64) {
     }
 }
 
-/// Both directions of a joint. For joint 3, each direction with every coupling to joint 2.
+/// The possible directions and couplings of a joint: both directions; for joint 3, each with every coupling to joint 2.
 fn turnings(links: &[Link], compared: &[Observation], joint: usize) -> Vec<Turning> {
     let couplings = if joint == 2 { &COUPLINGS[..] } else { &[0.0] };
     let turning = |reversed: bool, of_joint_2: f64| {

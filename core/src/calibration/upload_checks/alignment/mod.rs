@@ -1,6 +1,6 @@
-//! Checks whether a measurement set can come from this robot as stated. The nominal robot is fitted to the points. If it does not fit, another frame,
-//! makers' joint conventions, wrong units, columns, rows and robots are tried. A set is refused if one of these fits several times better, or if
-//! nothing comes near. An unmastered joint alone is no reason to refuse.
+//! Checks whether a measurement set can be from this robot as stated. The nominal robot is fitted to the points. If it does not fit,
+//! hypotheses are tried: another frame, makers' joint conventions, wrong units, columns or rows, and other robots. A set is refused if a
+//! hypothesis fits several times better, or if none fits. An unmastered joint alone is no reason to refuse.
 
 mod affine;
 mod convention;
@@ -27,7 +27,7 @@ use suspect::{Suspect, What};
 /// Whether the nominal robot fits an uploaded set, with the best placement of base and target.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Alignment {
-    /// It fits, or there are too few points to tell.
+    /// It fits, or there are too few points for a decision.
     Fits,
     /// It does not fit: rms, mm.
     Misses(f64),
@@ -35,7 +35,7 @@ pub enum Alignment {
 
 /// The base's rotation is known if its standard deviation is at most this, rad (0.5°).
 const KNOWN_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
-/// Least misfit of a nominal robot, as a share of its reach.
+/// Lower limit of a nominal robot's misfit, as a share of its reach.
 const MIN_NOISE: f64 = 1e-4;
 
 /// Code of the refusal of rotations that do not fit.
@@ -125,7 +125,7 @@ pub fn explain(
     let suspect = Suspect::new(robot, set, off_mm);
     let zeros = suspect.zeros(set.frame);
     let best = suspect.best_hypothesis(others);
-    // no other hypothesis is blamed if unmastered joints explain the set nearly as well
+    // No other hypothesis is blamed if unmastered joints explain the set nearly as well.
     let is_unmastered = |rms_mm: f64| {
         zeros.as_ref().is_some_and(|zeros| {
             zeros.rms_mm <= suspect.fits_mm
@@ -137,7 +137,7 @@ pub fn explain(
     let best = best.filter(|best| explains(best.rms_mm));
     let free = (set.frame == Frame::Base).then(|| suspect.in_another_frame());
     let free = free.flatten().filter(|free| explains(free.rms_mm));
-    // joint 1's zero, shifted by quarter turns, looks like a rotated frame: frames are tried before zeros
+    // A zero of joint 1 that is shifted by quarter turns is equivalent to a rotated frame. Frames are therefore tried before zeros.
     if let Some(best) = best.as_ref().filter(|best| best.rms_mm <= suspect.fits_mm)
         && !best.what.is_turned()
     {
@@ -151,7 +151,7 @@ pub fn explain(
         return suspect.frame(&free, "");
     }
     if let Some(best) = best.as_ref().filter(|best| best.rms_mm <= suspect.fits_mm) {
-        // a frame turned by quarter turns, with an unmastered joint
+        // A frame that is rotated by quarter turns, together with an unmastered joint.
         let is_frame = set.frame == Frame::Base && best.what.turns_first_joint();
         return is_frame
             .then(|| suspect.frame_and_joints())

@@ -21,18 +21,18 @@ const EQUALLY_GOOD: f64 = 2.0;
 const MAX_REFITTED: usize = 8;
 /// Minimum number of distinct poses for refusing a set that nothing explains.
 const MIN_POSES: usize = 5;
-/// A joint that moves less than this shows no direction, rad (20°).
+/// The direction of a joint that moves less than this is unknown, rad (20°).
 const SMALL_JOINT_RANGE_RAD: f64 = 0.349;
 /// Maximum number of joints for trying all signs.
 const MAX_JOINTS: usize = 7;
-/// Minimum number of distinct poses for telling that other signs fit as well.
+/// Minimum number of distinct poses for stating that other signs fit as well.
 const MIN_FOR_SIGNS: usize = 12;
 
 /// A possible cause, and how well the robot then fits.
 pub struct Supposed {
     pub what: What,
     pub rms_mm: f64,
-    /// Another cause that looks the same: a left-handed file, or joints that are counted the other way round.
+    /// Another cause with the same effect: a left-handed file, or joints that are counted in the opposite direction.
     pub or: Option<What>,
     /// Joint zero errors in addition.
     pub zeros: Option<Zeroed>,
@@ -66,13 +66,13 @@ impl What {
         matches!(self, Self::Joints(convention) if convention.is_turned())
     }
 
-    /// True for a convention whose first zero is shifted by quarter turns, which looks like a turned base frame.
+    /// True for a convention whose first zero is shifted by quarter turns. It is equivalent to a rotated base frame.
     pub fn turns_first_joint(&self) -> bool {
         matches!(self, Self::Joints(convention) if convention.quarter_turns.first().is_some_and(|turns| *turns > 0))
     }
 
-    /// Order of likelihood: of the causes that fit equally well, the one with the smallest rank is reported. A left-handed frame and a maker's signs
-    /// look the same on most arms, and makers do use these signs. Turned zeros are rarer than exchanged columns.
+    /// Rank by likelihood. Of the causes that fit equally well, the one with the smallest rank is reported. On most arms a left-handed
+    /// frame and a maker's signs are equivalent, and makers do use these signs. Turned zeros are rarer than exchanged columns.
     pub fn rank(&self, frame: Frame) -> usize {
         match self {
             Self::File(Hypothesis::Units { .. }) => 0,
@@ -116,7 +116,7 @@ impl<'a> Suspect<'a> {
     }
 
     pub fn zeros(&self, frame: Frame) -> Option<Zeroed> {
-        // an rms of half the limit is good enough; no other start is needed
+        // An rms of half the limit is good enough; no other start is needed.
         with_free_zeros(
             &self.robot.links,
             &self.observations,
@@ -294,8 +294,8 @@ impl<'a> Suspect<'a> {
         }
     }
 
-    /// Other signs with which the points fit as well, because the arm is symmetric: turning a free base by 180° has the effect of reversing joints.
-    /// `None` for few points, which several conventions fit by chance.
+    /// Other signs with which the points fit as well, because the arm is symmetric: rotating a free base by 180° is equivalent to reversing
+    /// joints. `None` for few points, which several conventions fit by chance.
     fn other_signs(&self, convention: &Convention, rms_mm: f64) -> Option<Convention> {
         let n = self.robot.links.len();
         let is_simple = convention.coupling == 0.0 && !convention.is_turned();
@@ -303,7 +303,8 @@ impl<'a> Suspect<'a> {
         if self.frame == Frame::Base || !is_simple || n > MAX_JOINTS || is_few {
             return None;
         }
-        // points do not show the direction of a joint that hardly moves; that of the last one alone is told separately
+        // Points do not show the direction of a joint that hardly moves. If only that of the last joint is unknown, this is reported
+        // separately.
         let moves = |joint: usize| {
             let values = self.observations.iter().map(|o| o.q_rad[joint]);
             let (low, high) = values.fold((f64::MAX, f64::MIN), |(low, high), q| {
@@ -415,7 +416,8 @@ impl<'a> Suspect<'a> {
         Some(self.frame(&with(supposed.rms_mm), &also))
     }
 
-    /// Warning that names joints that were probably never mastered. A base frame that is turned about axis 1 has the effect of joint 1.
+    /// Warning that names joints that were probably never mastered. A base frame that is rotated about axis 1 is equivalent to a zero error
+    /// of joint 1.
     pub fn unmastered(&self, zeros: &Zeroed) -> Option<Explanation> {
         let off = offsets(zeros)?;
         let why = match self.frame == Frame::Base && names_first_joint(zeros) {

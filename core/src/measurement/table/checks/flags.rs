@@ -1,40 +1,41 @@
-//! Columns that are not read and may say which rows count: rows that somebody put aside must not be taken as measurements.
+//! Finds unused columns that may show which rows are valid, because rows that somebody rejected must not be read as measurements.
 
 use crate::measurement::columns::words::is_one_of;
 use crate::measurement::issue::Issue;
 use crate::measurement::table::{Table, TableRow};
 use std::collections::BTreeMap;
 
-/// Words in the name of a column that says which rows count.
+/// Words in the name of a column that shows which rows are valid.
 const NAMES: &str = "deleted|delete|del|excluded|exclude|ignore|ignored|skip|skipped|omit|omitted|discard|\
     discarded|reject|rejected|removed|use|used|valid|invalid|ok|bad|good|status|state|quality|\
     flag|outlier|active|include|included|accepted|gültig|ungültig|gelöscht|verwendet|\
     ausreißer|aktiv";
-/// Words in the name of a column that says which rows count if all its cells are judgements: a `Test` may have a name or a number, too.
+/// Words in the name of a column that shows which rows are valid only if all its cells are judgements, because a `Test` may have a name or
+/// a number too.
 const RESULT_NAMES: &str = "result|results|test|tested|check|checked|measured|gemessen|ergebnis|bewertung|prüfung|\
     verdict|judgement|judgment|pass|passed|fail|failed|usable|reliable|trusted|confirmed|approved|\
     enabled";
-/// Cells that judge a row.
+/// Cells that are judgements of a row.
 const JUDGEMENTS: &str = "|yes|no|y|n|ja|nein|j|oui|non|si|sì|true|false|t|f|1|0|pass|passed|fail|failed|ok|nok|good|bad|\
     valid|invalid|io|nio|i.o.|n.i.o.|in|out|on|off";
 /// Words in the name of a column with the weight of each row.
 const WEIGHTS: &str = "weight|weights|weighting|gewicht|gewichtung|poids|peso";
-/// Words beside them in that of a column of masses.
+/// Words beside them that show that the column has masses.
 const MASSES: &str = "kg|g|lb|lbs|n|payload|load|last|tool|part";
-/// Words in the name of a column that never counts: "Status number", "Points used".
+/// Words that show that a column does not count anything: "Status number", "Points used".
 const STATES: &str = "status|state|flag|quality|use|used|verwendet";
-/// Words beside the names in that of a column that counts: "Valid samples".
+/// Words that show that a column counts something: "Valid samples".
 const COUNT_WORDS: &str =
     "samples|points|shots|readings|measurements|observations|count|number|n|anzahl";
-/// Maximum number of words of such a name.
+/// Maximum number of words in such a name.
 const MAX_WORDS: usize = 3;
-/// Cells that say in any column that a row does not count.
+/// Cells that reject their row, in any column.
 const REJECTION_WORDS: &str = "deleted|invalid|nok|not ok|n.ok|bad|outlier|rejected|reject|excluded|exclude|discard|\
     discarded|skip|ignore|ungültig|gelöscht|ausreißer|verworfen|n.i.o.|nio|invalide";
-/// Cells that say so where other rows have others: all points may fail a test of nominal positions.
+/// Cells that reject their row only if other rows have other texts, because all points may fail a test of nominal positions.
 const FAILURES: &str = "fail|failed|failure|not good|ng|n.g.|calculated|interpolated|predicted|simulated|not measured|\
     nicht gemessen|gesperrt";
-/// Parts of remarks that say that a row does not count.
+/// Parts of remarks that reject a row.
 const PHRASES: [&str; 18] = [
     "do not use",
     "don't use",
@@ -59,7 +60,8 @@ const PHRASES: [&str; 18] = [
 const MAX_REMARK: usize = 200;
 /// Cells that mark a row, in a column without other texts.
 const MARKS: [&str; 6] = ["x", "*", "!", "+", "✓", "✗"];
-/// Maximum number of different values of a column that says which rows count. More are measurements, such as a quality in percent.
+/// Maximum number of different values in a column that shows which rows are valid. With more values it is a measurement, such as a quality
+/// in percent.
 const MAX_VALUES: usize = 4;
 /// Maximum length of such a value, bytes.
 const MAX_LENGTH: usize = 20;
@@ -73,25 +75,25 @@ pub struct Flags {
 struct Flag {
     place: usize,
     is_named: bool,
-    /// Whether the name says so if all cells are judgements.
+    /// Whether the name is one of [`RESULT_NAMES`]; it counts only if all cells are judgements.
     is_result: bool,
     /// Whether the column has weights.
     is_weight: bool,
-    /// The first row of weight zero, and whether another has more.
+    /// The first row with weight zero, and whether another row has a larger weight.
     no_weight: Option<Marked>,
     has_weight: bool,
-    /// The first cell that says that its row failed, and whether another has some other text.
+    /// The first cell with a failure, and whether another cell has some other text.
     failed: Option<Marked>,
     has_others: bool,
-    /// Whether the name says that the column counts.
+    /// Whether the name shows that the column counts something.
     is_counted: bool,
-    /// Each value in small letters, with its number of rows and the first of them. One more than [`MAX_VALUES`] if there are more.
+    /// Each value in lower case, with its number of rows and the first of them. At most [`MAX_VALUES`] + 1 values are kept.
     values: BTreeMap<String, (usize, Marked)>,
-    /// The first cell that says that its row does not count.
+    /// The first cell that rejects its row.
     put_aside: Option<Marked>,
 }
 
-/// A cell that may say that its row does not count.
+/// A cell that may reject its row.
 #[derive(Clone)]
 struct Marked {
     row: usize,
@@ -99,7 +101,8 @@ struct Marked {
 }
 
 impl Flags {
-    /// The columns of a table that are neither read nor left aside by the caller. Of the log of a robot, which has states of its own, names say nothing.
+    /// The columns of a table that are neither read nor ignored by the mapping. In a robot's log, names of columns are not used, because
+    /// the robot has states of its own.
     pub fn new(table: &Table, is_log: bool, is_free: impl Fn(&usize) -> bool) -> Self {
         let free = (0..table.header.len()).filter(is_free);
         let flag = |place: usize| {
@@ -127,7 +130,7 @@ impl Flags {
         }
     }
 
-    /// Takes the next row.
+    /// Adds the next row.
     pub fn take(&mut self, index: usize, row: &TableRow) {
         for flag in &mut self.columns {
             let cell = row.cells.get(flag.place).unwrap_or("").trim();
@@ -163,7 +166,7 @@ impl Flags {
         }
     }
 
-    /// Refuses rows that may have been put aside.
+    /// Refuses rows that may have been rejected.
     pub fn refused(&self, table: &Table) -> Vec<Issue> {
         let columns = self.columns.iter();
         columns
@@ -172,7 +175,7 @@ impl Flags {
     }
 }
 
-/// Whether a cell is a number, which is no remark.
+/// Whether a cell is a number and not a remark.
 fn is_number(cell: &str) -> bool {
     cell.starts_with(|c: char| c.is_ascii_digit() || c == '-')
 }
@@ -191,7 +194,7 @@ fn issue(table: &Table, flag: &Flag, marked: &Marked) -> Issue {
 }
 
 impl Flag {
-    /// The first row that may have been put aside. Among a few values, those of the fewest rows say so.
+    /// The first row that may have been rejected. If the column has a few different values, the rarest value marks the rejected rows.
     fn marked(&self) -> Option<&Marked> {
         if self.put_aside.is_some() {
             return self.put_aside.as_ref();
@@ -208,7 +211,7 @@ impl Flag {
         };
         let is_named = self.is_named || self.is_result && are_judgements();
         let is_measured = |value: &String| value.contains(['.', ',']);
-        // no sample at all is a flag
+        // A count of zero samples may mark a rejected row.
         let is_count = |value: &String| value.parse::<u32>().is_ok_and(|number| number > 0);
         let values = || self.values.keys();
         let are_counts = self.is_counted && values().all(is_count);

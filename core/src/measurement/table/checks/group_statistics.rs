@@ -1,5 +1,6 @@
-//! Statistics of groups: a row behind (or in front of) the measurements of each pose that is their mean, standard deviation and the like. A label is not
-//! needed. Measurements show by their noise that such a row is none: several of them hit the mean of the others within the last digit by chance alone.
+//! Finds statistics of groups: rows after (or before) the measurements of each pose that are their mean, standard deviation etc. A label is
+//! not necessary. Measurements are distinguished from statistics by their noise: only by chance does a measurement equal the mean of the
+//! others within the last digit.
 
 use crate::measurement::issue::Issue;
 use crate::measurement::set::{Configurations, Point};
@@ -13,19 +14,19 @@ use std::ops::Range;
 const MAX_STATISTICS: usize = 5;
 /// Minimum number of measurements of a group.
 const MIN_MEASURED: usize = 2;
-/// Largest number of rows of a group that are counted, if joint values do not tell the groups.
+/// Maximum number of rows of a group if joint values do not separate the groups.
 const MAX_PERIOD: usize = 30;
 /// Largest difference between the joint values of one pose, degrees: a robot at standstill.
 const SAME_POSE_DEG: f64 = 0.1;
-/// Number of groups that are looked at. A habit of the file shows in the first ones.
+/// Number of groups that are examined. If a file has statistics, its first groups show it.
 const MAX_GROUPS: usize = 1000;
-/// Probability, as a power of ten, with which measurements may look like statistics.
+/// Significance level, as a power of ten: largest probability with which measurements would look like statistics.
 const FALSE_ALARM: f64 = -9.0;
-/// A hit with a larger probability is no evidence: it may be the resolution of the file.
+/// A match with a larger probability is no evidence, because it may be due to the resolution of the file.
 const MAX_PROBABILITY: f64 = 0.3;
-/// Distance of a statistic from the mean from which on it is none of the measurements, in ranges of these.
+/// If a statistic differs from the mean by more than this multiple of the measurements' range, it cannot be a measurement.
 const FAR_FROM_MEAN: f64 = 10.0;
-/// Number of groups with statistics for one without.
+/// Minimum number of groups with statistics per group without them.
 const HITS_PER_MISS: usize = 9;
 
 /// A row of statistics.
@@ -38,7 +39,7 @@ struct GroupStatistic {
     n_measured: usize,
 }
 
-/// What is known of each row.
+/// The numbers of all rows.
 struct Table {
     /// Joint values in degrees, and coordinates in the unit of the file.
     rows: Vec<Vec<f64>>,
@@ -46,12 +47,12 @@ struct Table {
     decimals: Vec<[usize; 3]>,
     /// Range of each coordinate over all rows.
     spread: [f64; 3],
-    /// A number for each reflector and set-up.
+    /// A number for each combination of reflector and set-up.
     places: Vec<usize>,
 }
 
-/// Refuses rows that are statistics of their group, in every column and of nearly every group. `reflectors` are the cells with the reflector of each row, if
-/// the file has them; `millimetres` is the unit of each coordinate in the file.
+/// Refuses rows that are statistics of their group in every column, if nearly every group has them. `reflectors` are the cells with the
+/// reflector of each row, if the file has them; `millimetres` is the unit of each coordinate in the file.
 pub fn group_statistics(
     points: &[Point],
     reflectors: &[String],
@@ -82,7 +83,7 @@ fn rows_of_groups(
     let table = Table::new(points, reflectors, millimetres);
     let mut groupings = by_joints(points, &table.places);
     groupings.extend(by_period(points.len()));
-    // the largest block first: a mean, a deviation and a range are three rows
+    // The largest block is tried first: a mean, a deviation and a range are three rows.
     let blocks = (1..=MAX_STATISTICS).rev();
     let blocks = blocks.flat_map(|n| [(n, false), (n, true)]);
     let mut found = blocks.flat_map(|(n, is_in_front)| {
@@ -96,7 +97,7 @@ fn rows_of_groups(
     found
 }
 
-/// Groups of equal joint values: as they follow one another, and wherever they are.
+/// Groups of rows with equal joint values: first of successive rows, then of rows anywhere in the file.
 fn by_joints(points: &[Point], places: &[usize]) -> Vec<Vec<Vec<usize>>> {
     let mut firsts = Configurations::default();
     let mut all: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
@@ -160,7 +161,7 @@ impl Table {
         }
     }
 
-    /// The statistics of the groups, if nearly all of them have `n` rows of statistics at their end, or in front.
+    /// The statistics of the groups, if nearly all groups have `n` rows of statistics at their end, or at their beginning.
     fn statistics(
         &self,
         groups: &[Vec<usize>],
@@ -200,12 +201,12 @@ impl Table {
             }
         }
         let is_rare = n_misses * HITS_PER_MISS <= n_hits;
-        // Which groups have no statistics may be chosen.
+        // The groups without statistics may be any, so the probability is multiplied by the number of choices.
         evidence += n_misses as f64 * libm::log10(groups.len().max(1) as f64);
         (n_hits > 1 && is_rare && evidence <= FALSE_ALARM).then_some(found)
     }
 
-    /// Largest difference of a statistic in the file from its value, for each coordinate: half of the last digits of both.
+    /// Largest difference between a statistic in the file and its exact value, for each coordinate: half of the last digit of both.
     fn tolerance(
         &self,
         groups: &[&Vec<usize>],
@@ -229,8 +230,8 @@ impl Table {
         [0, 1, 2].map(|axis| half_digit(most[0][axis]) + half_digit(most[1][axis]) + 1e-7)
     }
 
-    /// The names of the statistics of one group, and the decimal logarithm of the probability with which measurements would look the same. None if one of the rows is no
-    /// statistic.
+    /// The names of the statistics of one group, and the decimal logarithm of the probability that measurements would look the same. None
+    /// if one of the rows is no statistic.
     fn of_group(
         &self,
         block: &[usize],
@@ -249,7 +250,7 @@ impl Table {
         let n_joints = n_columns - 3;
         let mut possible = vec![[true; NAMES.len()]; block.len()];
         let mut columns = Vec::with_capacity(3);
-        // positions first: most groups have no statistics, and these show it
+        // Positions first: most groups have no statistics, and the positions show this.
         for at in (0..n_columns).rev() {
             let column = Column::new(measured.iter().map(|row| self.rows[*row][at]));
             let limit = match at.checked_sub(n_joints) {
@@ -261,7 +262,7 @@ impl Table {
             }
             for (row, possible) in block.iter().zip(&mut possible) {
                 let value = self.rows[*row][at];
-                // The joint values of the pose stand beside any statistic of the position.
+                // Beside any statistic of the position, the joint values may simply be those of the pose.
                 let is_of_pose = at < n_joints && (value - column.statistics[0]).abs() <= limit;
                 for (possible, statistic) in possible.iter_mut().zip(column.statistics) {
                     *possible &= is_of_pose || (value - statistic).abs() <= limit;
@@ -286,7 +287,7 @@ impl Table {
             for (axis, column) in &columns {
                 let from_mean = (self.rows[*row][n_joints + axis] - column.statistics[0]).abs();
                 let width = match which {
-                    // Normal noise is nowhere denser than at its mean.
+                    // The density of normal noise is largest at its mean.
                     0 => {
                         let n = measured.len() as f64;
                         let std = column.statistics[1] * (1.0 + 1.0 / n).sqrt();
@@ -295,7 +296,7 @@ impl Table {
                     _ if from_mean > FAR_FROM_MEAN * (column.range() + tolerance[*axis]) => {
                         self.spread[*axis]
                     }
-                    // The rms of repetitions is nearly their mean.
+                    // The rms of repeated measurements is nearly their mean, so it is no evidence.
                     _ => continue,
                 };
                 let probability = 2.0 * tolerance[*axis] / width;

@@ -1,4 +1,4 @@
-//! Rows that are no measurements, or whose cells have moved.
+//! Checks for rows that are no measurements, and for rows whose cells are shifted.
 
 pub mod flags;
 mod group_statistics;
@@ -12,8 +12,8 @@ pub mod statistics;
 use crate::measurement::issue::Issue;
 use crate::measurement::set::Point;
 
-/// Refuses rows that are no measurements by their values. `reflectors` are the cells with the reflector of each row, if the file has them; `millimetres` is the
-/// unit of each coordinate in the file.
+/// Refuses rows whose values show that they are no measurements. `reflectors` are the cells with the reflector of each row, if the file has
+/// them; `millimetres` is the unit of each coordinate in the file.
 pub fn no_measurements(
     points: &[Point],
     reflectors: &[String],

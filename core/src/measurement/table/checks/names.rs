@@ -1,4 +1,4 @@
-//! Names of points that say that a row does not count, and names of two tables that stand side by side.
+//! Finds names of points that mark invalid rows, and names that show two tables side by side.
 
 use crate::measurement::columns::names::{Key, Known, recognise};
 use crate::measurement::columns::words::is_one_of;
@@ -6,7 +6,7 @@ use crate::measurement::issue::Issue;
 use crate::measurement::table::{Table, TableRow};
 use std::collections::BTreeSet;
 
-/// Words in the name of a point that does not count: `BAD_P3`, `P3 (bad)`.
+/// Words in the name of an invalid point: `BAD_P3`, `P3 (bad)`.
 const NOT_COUNTED: &str = "bad|nok|invalid|outlier|deleted|rejected|reject|excluded|exclude|discard|discarded|skip|skipped|ignore|fail|failed|\
     ungültig|ausreißer|verworfen|schlecht|gelöscht";
 /// Number of rows that a refusal lists.
@@ -15,23 +15,23 @@ const MAX_LISTED: usize = 10;
 /// The columns with names of points.
 #[derive(Default)]
 pub struct Names {
-    /// Their places: one in front of the joint values, the other between these and the position. Empty if there is only one table.
+    /// Their places: one before the joint values, the other between joint values and positions. `None` if there is only one table.
     pair: Option<[usize; 2]>,
-    /// Whether the pair has numbers of points.
+    /// Whether the pair has numbers of points instead of names.
     are_numbers: bool,
     /// Rows with two different names.
     differ: Vec<(usize, [String; 2])>,
-    /// The names of each column of the pair in their plain form, and the number of rows.
+    /// The normalised names in each column of the pair, and the number of rows.
     seen: [BTreeSet<String>; 2],
     n_rows: usize,
     /// The column with the names of the points.
     own: Option<usize>,
-    /// Rows whose name says that they do not count.
+    /// Rows whose name marks them as invalid.
     not_counted: Vec<(usize, String)>,
     n_named: usize,
 }
 
-/// A name without signs, spaces, letter case and zeros in front of its numbers.
+/// A name in lower case, without punctuation, spaces and leading zeros.
 fn plain(name: &str) -> String {
     let lower = name.to_lowercase();
     let mut found = String::new();
@@ -62,7 +62,7 @@ impl Names {
         }
     }
 
-    /// Takes the next row.
+    /// Adds the next row.
     pub fn take(&mut self, index: usize, row: &TableRow) {
         let cell = |place: usize| row.cells.get(place).unwrap_or("").trim();
         if let Some(text) = self.own.map(cell).filter(|text| !text.is_empty()) {
@@ -86,7 +86,7 @@ impl Names {
         others.insert(second);
     }
 
-    /// Refuses names that say so of some rows, and rows of two tables that do not belong together.
+    /// Refuses names that mark some rows as invalid, and rows of two tables that do not belong together.
     pub fn refused(&self, table: &Table) -> Vec<Issue> {
         let counted = self.not_counted();
         let beside = self.beside(table);
@@ -95,7 +95,7 @@ impl Names {
 
     fn not_counted(&self) -> Option<Issue> {
         let (first, _) = self.not_counted.first()?;
-        // a word of most names says nothing
+        // If most names contain such a word, it has another meaning.
         if 2 * self.not_counted.len() >= self.n_named {
             return None;
         }
@@ -115,7 +115,7 @@ impl Names {
         let (row, [a, b]) = self.differ.first()?;
         let [names, others] = &self.seen;
         let n_shared = names.intersection(others).count();
-        // numbers that do not count the points, such as those of poses, repeat
+        // Numbers that do not identify the points, such as those of poses, repeat.
         let are_unlike = self.are_numbers && names.len().min(others.len()) < self.n_rows - 1;
         if 2 * n_shared < names.len().max(others.len()) || are_unlike {
             return None;
@@ -144,7 +144,7 @@ fn is_number(table: &Table, place: usize) -> bool {
     recognise(&table.header[place], None) == Known::Key(Key::Number)
 }
 
-/// Two columns of names, or of numbers, one in front of the first block of values and one in front of the second.
+/// Two columns of names, or of numbers: one before the first block of values, the other before the second.
 fn pair(
     table: &Table,
     joints: &[usize],

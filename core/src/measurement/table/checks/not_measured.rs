@@ -1,17 +1,17 @@
-//! Values that no instrument has measured and no robot has had.
+//! Finds values that cannot be measured positions or joint values.
 
 use crate::measurement::csv::PULSES;
 use crate::measurement::issue::Issue;
 use crate::measurement::set::Point;
 
-/// Joint values beyond this, rad, are usual of one joint at most: two turns.
+/// At most one joint of a robot usually has values beyond this, rad: two turns.
 const SEVERAL_TURNS_RAD: f64 = 4.0 * std::f64::consts::PI;
-/// No robot turns so many joints several times.
+/// Number of joints beyond that limit from which on the values are no angles.
 const MANY_JOINTS: usize = 3;
 
-/// What a position is if nothing was measured: all coordinates zero, all the same whole number (−1) among numbers with decimals, or one of them such as
-/// −9999 (or 9999.9), farther away than all others are apart. `coordinates` are as written in the file, `others` the least and largest values of each
-/// coordinate that is none of these.
+/// The text of a position that stands for a missing measurement. There are three kinds: all coordinates are zero; all are the same whole
+/// number (−1) although most rows have decimals; or one is a number such as −9999 (or 9999.9) that is further away than the range of the
+/// others. `coordinates` are as written in the file. `others` are the smallest and largest values of each coordinate, without such numbers.
 fn in_its_place(
     coordinates: &[f64; 3],
     others: &[(f64, f64); 3],
@@ -30,7 +30,7 @@ fn in_its_place(
     found.map(|(value, _)| format!("{value}"))
 }
 
-/// Whether instruments and programs write this in place of a number: nines only (−9999, 99999.9), or the limits of 16 bits.
+/// Whether instruments and programs write this number for a missing value: only nines (−9999, 99999.9), or the limits of 16 bits.
 fn no_value(value: f64) -> bool {
     let size = value.abs();
     let is_nines = || format!("{size}").chars().all(|c| matches!(c, '9' | '.'));
@@ -55,7 +55,7 @@ pub fn not_measured(points: &[Point], millimetres: [f64; 3]) -> Vec<Issue> {
 
 fn rows_not_measured(points: &[Point], millimetres: [f64; 3]) -> Vec<(usize, String)> {
     let written = |point: &Point| -> [f64; 3] {
-        // Division and multiplication by a unit may differ in the last bit.
+        // Dividing and multiplying by a unit may change the last bit.
         std::array::from_fn(|axis| {
             (point.position_mm[axis] / millimetres[axis] * 1e6).round() / 1e6
         })

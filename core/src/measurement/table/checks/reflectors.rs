@@ -1,13 +1,13 @@
-//! Cells that say which reflector a row is of: its number from 0, or its name.
+//! Reads the cells that identify the reflector of a row: its number from 0, or its name.
 
 use crate::measurement::csv::MAX_TARGETS;
 use crate::measurement::issue::Issue;
 use crate::measurement::set::numbered;
 use std::collections::BTreeSet;
 
-/// Number of rows from which on a column with another reflector in each row names points.
+/// If a column has a different value in each of at least this many rows, it names points and not reflectors.
 const MIN_POINTS_NAMED: usize = 4;
-/// Number of different cells from which on a column names points if each is in two rows on average, or fewer: points that were measured twice.
+/// If a column has at least this many different values, each in two rows or fewer on average, it names points that were measured twice.
 const MIN_NAMED_TWICE: usize = 8;
 
 /// The reflectors of a table.
@@ -19,11 +19,11 @@ pub struct Reflectors {
     pub names: Vec<String>,
 }
 
-/// Numbers the reflectors of the rows: as the file does, or by names in the order in which they appear.
+/// Numbers the reflectors of the rows: by the numbers in the file, or by names in the order in which they first appear. If `are_names` is
+/// true, numbers are names too. `column` is the column's name.
 ///
 /// # Errors
-/// `not_an_index` for numbers that are none of a reflector, `two_readings` for a column with another value in each row of a new file. `column` is
-/// its name. If `are_names`, numbers are names too.
+/// `not_an_index` for numbers that are no number of a reflector, `two_readings` for a column of a new file that names points.
 pub fn reflectors(
     cells: &[String],
     column: &str,
@@ -52,7 +52,7 @@ pub fn reflectors(
         let names = vec![];
         return Ok(Reflectors { numbers, names });
     }
-    // Most cells are numbers: the others are faults, not names.
+    // If most cells are numbers, the others are mistakes and not names.
     let n_numbers = cells
         .iter()
         .filter(|cell| cell.parse::<f64>().is_ok())

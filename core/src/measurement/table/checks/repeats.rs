@@ -1,17 +1,17 @@
-//! Rows that stand in a file twice, as if a table had been pasted again. Measurements that repeat a pose differ by their noise.
+//! Finds rows that occur twice in a file, e.g. because a table was pasted again. Repeated measurements of a pose differ by their noise.
 
 use crate::measurement::issue::Issue;
 use crate::measurement::set::Point;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Number of different rows that have to stand in a file again. Some may agree by chance.
+/// Minimum number of different rows that occur again. Fewer may agree by chance.
 const MIN_AGAIN: usize = 5;
-/// Positions that are multiples of this are too coarse to tell, mm: the resolution may hide the noise.
+/// If positions are multiples of this, the resolution may hide the noise, and nothing can be decided, mm.
 const COARSE_MM: f64 = 0.1;
-/// Positions that are no multiples of this show the noise of any instrument, mm.
+/// If positions are no multiples of this, they show the noise of any instrument, mm.
 const FINE_MM: f64 = 0.01;
 
-/// Refuses rows that stand in a table twice.
+/// Refuses rows that occur in a table twice.
 pub fn repeats(points: &[Point]) -> Vec<Issue> {
     let found = rows_again(points);
     let n = found.len();
@@ -25,8 +25,8 @@ pub fn repeats(points: &[Point]) -> Vec<Issue> {
     found.into_iter().map(issue).collect()
 }
 
-/// The rows that agree with an earlier one in every digit of joints and position, each with that earlier one. None if repetitions of poses differ: most of
-/// them, or one where the resolution is not fine.
+/// The rows that agree with an earlier row in every digit of joints and position, each with that earlier row. Empty if there are fewer than
+/// `MIN_AGAIN`, or if repetitions of poses differ: at fine resolution at least half of all repetitions must agree, otherwise all of them.
 pub fn rows_again(points: &[Point]) -> Vec<(usize, usize)> {
     let bits = |values: &[f64]| values.iter().map(|value| value.to_bits()).collect();
     let (mut poses, mut firsts) = (BTreeSet::new(), BTreeMap::new());

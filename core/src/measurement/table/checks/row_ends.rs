@@ -1,4 +1,5 @@
-//! Rows with fewer or more cells than the header: whether a cell that is missing or too many has moved the cells of other columns into those that are read.
+//! Checks rows with fewer or more cells than the header. A missing or extra cell may have shifted the cells of other columns into the
+//! columns that are read.
 
 use crate::measurement::columns::mapping::Separator;
 use crate::measurement::csv::number_text::without_unit;
@@ -7,74 +8,76 @@ use crate::measurement::issue::{Issue, MAX_ISSUES};
 use crate::measurement::table::lines::is_numeric;
 use crate::measurement::table::{Table, TableRow};
 
-/// Number of decimals from which on a number looks measured. Remarks are numbers such as 5 or 21.5.
+/// A number with at least this many decimals looks measured. Remarks are numbers such as 5 or 21.5.
 const MIN_DECIMALS: usize = 3;
-/// Number of texts for each number among them that looks as if it belonged into the column in front.
+/// A number after the last read column is suspicious if the column otherwise has texts: minimum number of texts per number.
 const TEXTS_PER_NUMBER: usize = 4;
-/// Number of rows from which on whole numbers one after the other number the rows.
+/// Minimum number of rows for recognising row numbers.
 const MIN_NUMBERED: usize = 4;
 
-/// Number of rows from which on numbers may be split at a separator of thousands, if they are half of all rows or more.
+/// Minimum number of rows with split numbers. They must also be at least half of all rows.
 const MIN_SPLIT: usize = 3;
 
-/// Where the cells that are read stand.
+/// The range of columns that are read.
 #[derive(Clone, Debug, Default)]
 pub struct Ends {
-    /// Number of columns up to the last one that a row must have: one with a name or a meaning that the caller does not leave aside.
+    /// Number of columns up to the last one that every row must have: one that has a name or a meaning and that the mapping does not
+    /// ignore.
     pub n_named: usize,
     /// Number of columns up to the last one that is read.
     pub n_read: usize,
-    /// Whether the caller leaves columns behind those aside, of a table that is read for the first time.
+    /// Whether the mapping ignores later columns of a table that is read for the first time.
     pub are_left_aside: bool,
-    /// Whether missing cells at the end of a row are empty ones: in workbooks, where each cell has a place of its own.
+    /// Whether every cell has a place of its own, as in workbooks. Missing cells at the end of a row are then empty.
     pub has_places: bool,
-    /// Whether the last line has no line end.
+    /// Whether the last line has no line break at its end.
     pub is_open: bool,
-    /// Whether the last column that is read has numbers. A text that moves into another column is not noticed.
+    /// Whether the last column that is read has numbers. If it has texts, a shifted text would not be noticed.
     pub ends_with_number: bool,
     /// The columns of the position.
     pub positions: Vec<usize>,
-    /// The first column that is read and its meaning, if it has joint values and was found by its name.
+    /// The first column that is read and its meaning, if it has joint values and was recognised by its name.
     pub first_joint: Option<(usize, String)>,
 }
 
-/// The refusal of a row whose cells may have moved.
+/// The refusal of a row whose cells may be shifted.
 fn moved(row: usize, detail: String) -> Issue {
     Issue::new("wrong_cell_count", detail).in_row(row)
 }
 
-/// The last number that is read in the row that was read last.
+/// The last number that is read, in the most recent row.
 struct Last {
     n_decimals: usize,
-    /// Whether the row ends behind it.
+    /// Whether the row ends after it.
     is_at_end: bool,
 }
 
-/// The ends of the rows that were read so far.
+/// What was found at the ends of the rows so far.
 #[derive(Default)]
 pub struct RowEnds {
     /// The first rows that are longer than the header, and the number of all of them.
     long: Vec<Issue>,
     n_long: usize,
     n_rows: usize,
-    /// The first rows with a number that looks measured behind those that are read, their number, and that of rows with a text there.
+    /// The first rows with a number that looks measured after the columns that are read; the number of rows with a number there, and of
+    /// rows with a text there.
     numbers_behind: Vec<Issue>,
     n_numbers_behind: usize,
     n_texts_behind: usize,
-    /// The first rows that end within the columns that the caller leaves aside, and whether any of these columns has a number.
+    /// The first rows that end within the ignored columns, and whether any of these columns has a number.
     short: Vec<Issue>,
     has_number_behind: bool,
-    /// The first row with a coordinate that may be split at a separator of thousands, and the number of such rows.
+    /// The first row with a coordinate that may be split at a thousands separator, and the number of such rows.
     split: Option<Issue>,
     n_split: usize,
     last: Option<Last>,
     /// The number of decimals of the last number that is read, if it is the same in all rows above the last one.
     n_decimals: Option<usize>,
     are_decimals_unlike: bool,
-    /// The first joint value, as long as it is a whole number that counts the rows.
+    /// The last value of the first joint, as long as these values count the rows.
     counted: Option<i64>,
     is_not_counted: bool,
-    /// Number of rows with decimals in the column behind it.
+    /// Number of rows with decimals in the column after it.
     n_with_decimals: usize,
 }
 
@@ -83,7 +86,7 @@ fn n_decimals(cell: &str) -> usize {
     behind.bytes().take_while(u8::is_ascii_digit).count()
 }
 
-/// Whether two cells may be one number: one to three digits, and three with decimals.
+/// Whether two cells may be one number with a thousands separator: one to three digits, then three digits with decimals.
 fn is_split(whole: &str, rest: &str) -> bool {
     let digits = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit());
     let whole = whole.trim_start_matches(['+', '-', '\u{2212}']);
@@ -96,11 +99,11 @@ fn is_split(whole: &str, rest: &str) -> bool {
 }
 
 impl RowEnds {
-    /// Takes the next row. A row that ends early is refused, unless the caller leaves the columns aside whose cells are missing, and these columns have no
-    /// numbers: a remark that is a number would be read as a coordinate if another cell is missing.
+    /// Adds the next row. A row that ends early is refused, unless the mapping ignores the columns of the missing cells and these columns
+    /// have no numbers. A remark that is a number could be read as a coordinate if another cell is missing.
     ///
     /// # Errors
-    /// The detail, if its number of cells alone refuses it.
+    /// The detail, if the number of cells alone is a reason to refuse the row.
     pub fn take(
         &mut self,
         index: usize,
@@ -128,7 +131,7 @@ impl RowEnds {
         self.count(cell, ends);
         let is_split = |place: &&usize| is_split(cell(**place), cell(**place + 1));
         let is_possible = matches!(table.separator, Separator::Comma | Separator::Spaces);
-        // a number that is split adds a cell
+        // A split number adds a cell.
         let is_possible = is_possible && n_cells > ends.n_read;
         if let Some(place) = ends.positions.iter().find(is_split).filter(|_| is_possible) {
             self.n_split += 1;
@@ -201,9 +204,9 @@ impl RowEnds {
         self.n_with_decimals += usize::from(n_decimals(cell(first + 1)) > 0);
     }
 
-    /// Refuses rows whose cells may have moved.
+    /// Refuses rows whose cells may be shifted.
     ///
-    /// Rows that are longer than the header all alike have a separator at their end. A longer row among others has a separator within a cell.
+    /// If all rows are longer than the header, they have a separator at their end. If only some are, they have a separator within a cell.
     pub fn refused(&mut self, table: &Table, ends: &Ends) -> Vec<Issue> {
         let mut found = Vec::new();
         if self.n_long < self.n_rows {
@@ -225,7 +228,8 @@ impl RowEnds {
         found
     }
 
-    /// Refuses joint values that number the rows. The rows have a cell more in front than the header has names, as R writes them.
+    /// Refuses joint values that number the rows: the rows then have one more cell at their beginning than the header has names, as R
+    /// writes them.
     fn row_numbers(&self, table: &Table, ends: &Ends) -> Option<Issue> {
         let (first, means) = ends.first_joint.as_ref().filter(|_| !self.is_not_counted)?;
         let are_few = self.n_rows < MIN_NUMBERED || 2 * self.n_with_decimals < self.n_rows;
@@ -238,7 +242,8 @@ impl RowEnds {
         (!are_few).then_some(issue)
     }
 
-    /// The last row of a file without a line end, if its last number has fewer decimals than all others.
+    /// Refuses the last row of a file without a final line break if its last number has fewer decimals than all others: the file may have
+    /// been cut off.
     fn cut_off(&self, table: &Table, ends: &Ends) -> Option<Issue> {
         let last = self.last.as_ref().filter(|last| last.is_at_end)?;
         let alike = self.n_decimals.filter(|_| !self.are_decimals_unlike)?;
@@ -254,7 +259,7 @@ impl RowEnds {
     }
 }
 
-/// What to do with a row whose missing cells may all be of columns that are not read.
+/// Advice for a row whose missing cells may all belong to columns that are not read.
 fn if_only_remarks_are_missing(table: &Table, ends: &Ends) -> String {
     let behind = ends.n_read..ends.n_named;
     let columns: Vec<String> = behind.map(|place| table.reference(place)).collect();

@@ -1,10 +1,10 @@
-//! Rows above or below the measurements that are their mean, standard deviation and the like.
+//! Finds rows above or below the measurements that are their mean, standard deviation etc.
 
 use crate::measurement::columns::words::is_one_of;
 use crate::measurement::issue::Issue;
 use crate::measurement::set::Point;
 
-/// Words with which a row of statistics begins in reports.
+/// Words at the beginning of a row of statistics in reports.
 const STATISTICS: &str = "mean|mean value|average|avg|median|std|stdev|stddev|std dev|standard deviation|sigma|σ|\
     rms|min|max|minimum|maximum|sum|total|range|mittelwert|mittel|durchschnitt|\
     standardabweichung|summe|spannweite|ø|moyenne|médiane|mediane|écart type|écart-type|\
@@ -19,14 +19,15 @@ pub fn is_statistic(cell: &str) -> bool {
 
 /// Maximum number of rows of statistics above or below the measurements.
 const MAX_STATISTICS: usize = 8;
-/// Minimum number of rows of measurements beside them.
+/// Minimum number of rows of measurements.
 const MIN_MEASURED: usize = 5;
-/// Largest difference of a statistic in a file from its value: the file has at least two decimals, in mm and degrees.
+/// Largest difference between a statistic in a file and its exact value: files have at least two decimals, in mm and degrees.
 pub const ROUNDED: f64 = 0.006;
-/// A column tells statistics from measurements if its values spread by this number of roundings.
+/// A column separates statistics from measurements if its range is this number of roundings.
 const MIN_SPREAD: f64 = 100.0;
 
-/// The statistics that reports print: name, and whether the values alone tell it from a measurement. A first pose may be the minimum of all columns.
+/// The statistics that reports print: the name, and whether the values alone distinguish it from a measurement. They do not for the
+/// minimum, for example: a first pose may be the minimum of all columns.
 pub const NAMES: [(&str, bool); 9] = [
     ("mean", true),
     ("standard deviation", true),
@@ -40,9 +41,10 @@ pub const NAMES: [(&str, bool); 9] = [
 ];
 /// The place of the median in [`NAMES`].
 const MEDIAN: usize = 8;
-/// A row that is the median of all columns and no repetition of one pose is farther from each of the others, degrees or mm.
+/// A row that is the median of all columns is a statistic if no other row is this near in all columns, degrees or mm. Otherwise it may be
+/// one of several repetitions of a pose.
 const SAME_ROW: f64 = 0.5;
-/// Minimum number of joints that tell a row of tolerances, which has one number in all of them.
+/// Minimum number of joints for recognising a row of tolerances, which has the same number in all joints.
 const MIN_JOINTS: usize = 3;
 /// Maximum number of decimals that are counted. Values with more are exact.
 pub const MAX_DECIMALS: usize = 6;
@@ -58,13 +60,13 @@ pub fn decimals(value: f64) -> usize {
         .unwrap_or(MAX_DECIMALS + 1)
 }
 
-/// The largest difference between some cells of a row and exact statistics: half the last digit of a row that was rounded.
+/// The largest rounding difference between some cells of a row and exact statistics: half of the last digit.
 fn rounding(cells: &[f64]) -> f64 {
     let most = cells.iter().map(|cell| decimals(*cell)).max().unwrap_or(0);
     ROUNDED.max(0.5 * libm::pow(10.0, -(most as f64)) + 1e-6)
 }
 
-/// Whether a row has one number in all joints and one in all coordinates: tolerances, or a number of rows.
+/// Whether a row has the same number in all joints, and the same in all coordinates: tolerances, or numbers of measurements.
 fn is_alike(row: &[f64]) -> bool {
     let (joints, position) = row.split_at(row.len() - 3);
     let are_one = |cells: &[f64]| cells.iter().all(|cell| (cell - cells[0]).abs() < 1e-9);
@@ -103,7 +105,7 @@ impl Column {
         }
     }
 
-    /// Whether the column tells statistics from measurements. A joint that stood still is the same in all rows.
+    /// Whether the column separates statistics from measurements. A joint that does not move has the same value in all rows.
     fn spreads(&self, rounding: f64) -> bool {
         self.range() > MIN_SPREAD * rounding
     }
@@ -132,8 +134,8 @@ pub fn values(point: &Point) -> Vec<f64> {
     joints.chain(point.position_mm.iter().copied()).collect()
 }
 
-/// Refuses rows above or below the others that are statistics of them in every column. A label is not needed: many reports write it in another language,
-/// or leave it out.
+/// Refuses rows above or below the others that are their statistics in every column. A label is not necessary, because many reports write
+/// it in another language or omit it.
 pub fn statistics(points: &[Point]) -> Vec<Issue> {
     let issue = |(at, name): (usize, &str)| {
         let what = match name {
@@ -169,7 +171,7 @@ fn rows_of_statistics(points: &[Point]) -> Vec<(usize, &'static str)> {
         .unwrap_or_default()
 }
 
-/// The names of the statistics that these rows are; none if one of them is none.
+/// The names of the statistics that these rows are; none if one of the rows is no statistic.
 fn names_of(block: &[Vec<f64>], measured: &[Vec<f64>]) -> Option<Vec<&'static str>> {
     let n_columns = measured[0].len();
     let first_of_position = n_columns - 3;
@@ -212,7 +214,7 @@ fn names_of(block: &[Vec<f64>], measured: &[Vec<f64>]) -> Option<Vec<&'static st
         }
         let which = possible.iter().position(|is| *is)?;
         names.push(NAMES[which].0);
-        // of a pose to which a robot returned again and again, every row is the median
+        // If a robot returned to one pose again and again, every row is the median.
         is_told |= NAMES[which].1 || which == MEDIAN && !is_repeated(row, measured);
     }
     is_told |= names.contains(&"minimum") && names.contains(&"maximum");
