@@ -81,7 +81,10 @@ export function armFigure({ title, level = "h3", caption, robot, points, stages 
     }
     // the picture has the whole width while there is nothing to say beside it
     cell.classList.toggle("whole", selected.index === null);
+    // whoever pressed a button of the panel goes on from there
+    const pressed = [...panel.querySelectorAll("button")].indexOf(document.activeElement);
     fill(panel, selected.index === null ? hint(points.length, shows) : [describe(selected.index), actions?.(selected.index)]);
+    if (pressed >= 0) (panel.querySelectorAll("button")[pressed] ?? scene.canvas).focus({ preventScroll: true });
     scene.redraw();
   };
   selected.listen(refresh);

@@ -6,7 +6,7 @@ import { capital, plain } from "./format.js";
 import { rotationsOf } from "./sessions.js";
 
 /** Refusals that a mapping of columns can mend. */
-const ASKED = ["missing_unit", "two_readings", "no_header", "unknown_column", "missing_column", "wrong_joint_count", "duplicate_column", "mixed_units", "join_unclear", "unknown_sheet"];
+const ASKED = ["missing_unit", "two_readings", "no_header", "unknown_column", "missing_column", "wrong_joint_count", "duplicate_column", "mixed_units", "join_unclear", "duplicate_name", "not_a_time", "unknown_sheet"];
 
 /** Names under which the dashboard keeps a robot's mappings: of one table, and of two files. */
 const [REMEMBERED, REMEMBERED_PAIR] = ["dashboard", "dashboard-pair"];
@@ -88,6 +88,14 @@ export async function askColumns(robot, { body, type, stated: choices = {} }, de
   const keep = el("input", { type: "checkbox", id: "columns-keep", checked: true });
   const wrong = el("div", { role: "alert" });
   const by = files.length > 1 && el("select", { id: "columns-join" }, ["", "name", "number", "time", "order"].map((value) => el("option", { value }, value || "as the columns say")));
+  // even times leave open how far the clocks are apart
+  const clock = by && el("input", { id: "columns-clock", type: "number", step: "any" });
+  const clockField = by && el("div", {}, el("label", { for: "columns-clock" }, "Robot's clock minus the instrument's, s, where it is known"), clock);
+  const showClock = () => { clockField.hidden = by.value !== "time" && !preview.errors.some(({ detail }) => detail.includes("clock_offset_s")); };
+  if (by) {
+    by.addEventListener("change", showClock);
+    showClock();
+  }
   const submit = async (event) => {
     event.preventDefault();
     const open = asked.flatMap(({ selects }) => selects).find((select) => select.value.endsWith(OPEN));
@@ -96,7 +104,7 @@ export async function askColumns(robot, { body, type, stated: choices = {} }, de
       open.focus();
       return;
     }
-    const columns = withChoices(mapping(asked, by && by.value), choices);
+    const columns = withChoices(mapping(asked, by && { ...by.value ? { by: by.value } : {}, ...!clockField.hidden && clock.value !== "" ? { clock_offset_s: Number(clock.value) } : {} }), choices);
     try {
       if (keep.checked) await put(`/v1/robots/${robot.id}/columns/${files.length > 1 ? REMEMBERED_PAIR : REMEMBERED}`, columns);
       read(columns);
@@ -110,6 +118,7 @@ export async function askColumns(robot, { body, type, stated: choices = {} }, de
     preview.errors.length > 0 && el("ul", {}, remarks(preview.errors).slice(0, 12).map((text) => el("li", {}, text))),
     asked.map(({ node }) => node),
     by && el("div", {}, el("label", { for: "columns-join" }, "Rows of the two files belong together by"), by),
+    clockField,
     el("label.choice", {}, keep, "Remember this for the robot"),
     wrong,
     el("button.primary", { type: "submit" }, "Read it so")));
@@ -118,15 +127,21 @@ export async function askColumns(robot, { body, type, stated: choices = {} }, de
 
 const isWithoutUnit = (issue) => issue.code === "missing_unit" && issue.column;
 
-/** What is to be said of the columns; what many of them lack is said once. */
+/** Which of two files an issue is about, as the end of a phrase; empty for the only file. */
+const ofFile = (issue) => ({ "/robot": " of the robot's file", "/instrument": " of the instrument's file" }[issue.pointer] ?? "");
+
+/** What is to be said of the columns; what many of a file lack is said once. */
 function remarks(issues) {
-  const without = [...new Set(issues.filter(isWithoutUnit).map((issue) => issue.column))];
-  const some = without.length > 1 ? `${without.slice(0, -1).join(", ")} and ${without.at(-1)} have no unit: choose it in the list above one of them, and the others follow` : `${without[0]} has no unit: choose it in the list above its column`;
-  return [...without.length > 0 ? [some] : [], ...new Set(issues.filter((issue) => !isWithoutUnit(issue)).map((issue) => capital(plain(issue.detail))))];
+  const without = issues.filter(isWithoutUnit);
+  const some = [...new Set(without.map(ofFile))].map((file) => {
+    const names = [...new Set(without.filter((issue) => ofFile(issue) === file).map((issue) => issue.column))];
+    return names.length > 1 ? `${names.slice(0, -1).join(", ")} and ${names.at(-1)}${file} have no unit: choose it in the list above one of them, and the others follow` : `${names[0]}${file} has no unit: choose it in the list above its column`;
+  });
+  return [...some, ...new Set(issues.filter((issue) => !isWithoutUnit(issue)).map((issue) => capital(plain(issue.detail))))];
 }
 
 /** The choices as a mapping. A file with a header is mapped by names, so that a column more in the next file does no harm. */
-function mapping(asked, by) {
+function mapping(asked, join) {
   const columns = {};
   for (const { file, selects } of asked) {
     const own = file.part === "table" ? columns : (columns[file.part] = {});
@@ -140,7 +155,7 @@ function mapping(asked, by) {
       else own.ignore = [...own.ignore ?? [], column];
     });
   }
-  if (by) columns.join = { by };
+  if (join && Object.keys(join).length > 0) columns.join = join;
   return columns;
 }
 
@@ -197,6 +212,6 @@ export function understoodDetails(set) {
 function joinWords(join) {
   const clock = join.clock_offset_s === undefined ? "" : ` The robot's clock minus the instrument's is ${join.clock_offset_s.toFixed(3)} s; pairs may be ${join.tolerance_s.toFixed(3)} s apart.`;
   const rest = [["robot's", join.leftover_robot], ["instrument's", join.leftover_instrument]].filter(([, rows]) => rows.n > 0)
-    .map(([file, rows]) => el("p.note", {}, `${rows.n} rows of the ${file} file have no partner: ${rows.rows.map((row) => row.label || `line ${row.line}`).join(", ")}.`));
-  return [el("p", {}, `${join.n_joined} pairs of rows, joined by ${join.by}${join.loose_names ? " (names agree without signs, spaces and leading zeros, or by their numbers alone)" : ""}.${clock}`), rest];
+    .map(([file, rows]) => el("p.note", {}, `${rows.n === 1 ? `One row of the ${file} file has` : `${rows.n} rows of the ${file} file have`} no partner: ${rows.rows.map((row) => row.label || `line ${row.line}`).join(", ")}.`));
+  return [el("p", {}, `${join.n_joined === 1 ? "One pair" : `${join.n_joined} pairs`} of rows, joined by ${join.by}${join.loose_names ? " (names agree without signs, spaces and leading zeros, or by their numbers alone)" : ""}.${clock}`), rest];
 }

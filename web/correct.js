@@ -19,7 +19,7 @@ export async function correctPage({ main, signal, may, query }, id) {
   document.title = `kincal: correct a program of ${robot.name}`;
   const usable = sets.filter((set) => set.status !== "withdrawn");
   const doubtOf = await doubts(robot, signal);
-  const out = el("div", { "aria-live": "polite" });
+  const out = el("div", { "aria-live": "polite", tabindex: -1 });
   const place = el("div", {});
   const { node, offer } = form(robot, usable, doubtOf, out);
   const draw = (of) => {
@@ -70,7 +70,31 @@ function form(robot, sets, doubtOf, out) {
   const tool = ["x", "y", "z"].map((axis) => el("input", { type: "number", step: "any", "aria-label": `Tool ${axis}, mm`, placeholder: axis }));
   const rotation = conventionChoice("correct-rotation");
   const file = el("input", { id: "correct-file", type: "file", accept: ".csv,.txt,.tsv,.xlsx,.ods,text/csv", required: true });
+  /** What is wrong stands at its field, which gets the focus. */
+  const atField = (field, said) => {
+    said.id = "correct-wrong";
+    (field.closest("fieldset, .fields:not(.wide)") ?? field).after(said);
+    field.setAttribute("aria-invalid", "true");
+    field.setAttribute("aria-describedby", said.id);
+    field.focus();
+    fill(out);
+  };
+  const unmark = () => {
+    node.querySelector("#correct-wrong")?.remove();
+    for (const field of node.querySelectorAll("[aria-invalid]")) ["aria-invalid", "aria-describedby"].forEach((name) => field.removeAttribute(name));
+  };
+  /** The field that a refusal is about; what is about no other field is about the file. */
+  const fieldOf = ([issue]) => {
+    const [, name, , axis] = issue.pointer?.split("/") ?? [];
+    return { tool_name: named, tool: tool[axis ?? 0], frame, rotation, mode }[name] ?? file;
+  };
   const correct = async (unit) => {
+    unmark();
+    const missing = tool.find((input) => input.value === "");
+    if (missing && tool.some((input) => input.value !== "")) {
+      atField(missing, problem({ title: "A number is missing", detail: `${missing.getAttribute("aria-label")} is empty. Enter 0 where it is 0` }));
+      return;
+    }
     fill(out, el("p.quiet", {}, "Correcting …"));
     try {
       const [program] = file.files;
@@ -79,9 +103,13 @@ function form(robot, sets, doubtOf, out) {
       const answer = await post(`/v1/parameter-sets/${set.value}/compensate-program?${stated}`, program, "text/csv");
       const posesIn = frame.value === "measuring" ? "robot's base frame, which the controller knows" : frame.selectedOptions[0].textContent;
       fill(out, corrected(answer, { name: program.name, posesIn, set: chosen(), doubt: doubtOf(chosen()) }));
+      // the question for the unit is gone
+      if (unit) out.focus();
     } catch (error) {
       const without = withoutUnit(error);
-      fill(out, without.length > 0 && !unit ? unitQuestion(without, correct) : refused(error));
+      const said = without.length > 0 && !unit ? unitQuestion(without, correct) : refused(error);
+      if (error.errors?.length > 0) atField(fieldOf(error.errors), said);
+      else fill(out, said);
     }
   };
   const submit = (event) => {
@@ -124,7 +152,8 @@ const placed = ({ line, detail }) => (line && !/^line \d/.test(detail) ? `Line $
 
 /** Why a program was not corrected; one reason alone is said once. */
 function refused(error) {
-  const errors = (error.errors ?? []).map((issue) => ({ ...issue, detail: placed(issue) }));
+  const texts = new Set((error.errors ?? []).map(placed));
+  const errors = [...texts].map((detail) => ({ detail }));
   const said = { code: undefined, title: "The program was not corrected", detail: errors.length === 1 ? errors[0].detail : capital(error.detail), errors: errors.length > 1 ? errors : [] };
   return problem({ ...error, ...errors.length > 0 ? said : {}, message: error.message });
 }

@@ -45,6 +45,13 @@ export function withFocus(part, draw) {
   if (isInside && !document.contains(had)) [...part.querySelectorAll("a, button")].find((node) => key(node) === name)?.focus({ preventScroll: true });
 }
 
+/** Draws more rows of a table, and goes to the first of them. */
+export async function drawMore(part, draw) {
+  const before = part.querySelectorAll("tbody tr").length;
+  await draw();
+  part.querySelectorAll("tbody tr")[before]?.querySelector("a, button")?.focus();
+}
+
 /** Puts these children in place of those that are there. */
 export function fill(node, ...children) {
   node.replaceChildren();
@@ -100,10 +107,12 @@ const MAX_NAMES = 6;
 const LONG_LIST = /\w+(?:, \w+){6,}/g;
 
 /** A warning: what, why it matters, what to do; its details and rows are folded below, where they are long. */
-export function warning({ code, detail, rows = [] }) {
-  const some = rows.slice(0, MAX_ROWS).join(", ") + (rows.length > MAX_ROWS ? ` and ${rows.length - MAX_ROWS} more` : "");
+export function warning({ code, detail, rows = [], points = [] }) {
+  const some = (all) => all.slice(0, MAX_ROWS).join(", ") + (all.length > MAX_ROWS ? ` and ${all.length - MAX_ROWS} more` : "");
   const [matters, remedy] = [MATTERS[code], REMEDIES[code]];
-  const whole = `${capital(plain(detail))}${rows.length > 0 && !/\brows? \d/.test(detail) ? ` (rows ${some} of the file)` : ""}.`.replace(/\.\.$/, ".");
+  // the name of a point is found in the file, also where two files were joined
+  const which = points.length > 0 ? ` (${some(points)})` : rows.length > 0 && !/\brows? \d/.test(detail) ? ` (rows ${some(rows)} of the file)` : "";
+  const whole = `${capital(plain(detail))}${which}.`.replace(/\.\.$/, ".");
   const details = matters && whole.length > SHORT_DETAIL ? el("details", {}, el("summary", {}, "In this file"), el("p.note", {}, whole)) : el("p", {}, whole);
   return el("div.warning", {}, el("p", {}, el("strong", {}, warningTitle(code), ". "), matters && `${matters} `, remedy && el("span.remedy", {}, remedy)), details);
 }

@@ -1,7 +1,7 @@
 // Jobs over all robots, newest first.
 
 import { get, list } from "./api.js";
-import { el, fill, problem, table, withFocus } from "./dom.js";
+import { drawMore, el, fill, problem, table, withFocus } from "./dom.js";
 import { method, plain, ran, span, when } from "./format.js";
 import { isRunning, whileRunning } from "./polling.js";
 import { statusBadge } from "./robot.js";
@@ -26,7 +26,7 @@ export async function jobsPage({ main, signal, query, keep }) {
   const asked = (more = {}) => new URLSearchParams(Object.entries({ limit: PAGE, status: state.status, kind: state.kind, robot_id: state.robot, ...more }).filter(([, value]) => value));
   const draw = () => {
     fill(rows, jobTable(state.jobs, names, state.status || state.kind || state.robot ? "No such job. Choose all jobs to see the others." : "There is no job yet."));
-    fill(more, state.jobs.length > 0 && el("span.note", { role: "status" }, `${state.jobs.length} of ${state.total} jobs`), state.cursor && el("button", { type: "button", click: () => load(true) }, "Show more"));
+    fill(more, state.jobs.length > 0 && el("span.note", { role: "status" }, `${state.jobs.length} of ${state.total} jobs`), state.cursor && el("button", { type: "button", click: () => drawMore(rows, () => load(true)) }, "Show more"));
   };
   /** Follows the jobs that run, until none of them does; new ones come first. */
   const follow = async () => {

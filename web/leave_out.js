@@ -4,9 +4,8 @@
 import { blob, get, post } from "./api.js";
 import { BY_LINES, isPlain, mappingOf } from "./columns.js";
 import { el, fill, problem, say } from "./dom.js";
-import { linesOfPoints, partsOf } from "./rows.js";
+import { pointsPath, rowsOfSet } from "./rows.js";
 import { nPoints, placeOf } from "./sessions.js";
-import { pair } from "./upload.js";
 
 /** The form, and which points are left out; null for a key that may not, and for points that were only scored. `sets` are the sessions of the job. */
 export function leavingOut({ job, sets, points, robot, may, name, changed }) {
@@ -56,14 +55,10 @@ async function withoutThem({ sets, points, robot, excluded, reason }) {
   return ids;
 }
 
-/** What to do where a row cannot be taken out of the file of a set here; false where it can. */
+/** What to do where a row cannot be taken out of the file of a set here; false where it can. Of two files the joined points are uploaded. */
 function byHand({ joined, understood }) {
-  const table = joined?.instrument ?? understood;
-  const isLog = joined?.join.instrument_log;
-  const both = joined?.join.by === "order" ? [joined.robot, table] : [table];
-  if (!isLog && both.every((one) => !one || BY_LINES.includes(one.encoding))) return false;
-  const rows = isLog ? "the rows of this standstill from the instrument's file" : joined?.join.by === "order" ? "it from both files" : `its row from the ${joined ? "instrument's file" : "file"}`;
-  return `To leave it out, delete ${rows}, say why in the file's name, and upload it on the robot's page.`;
+  const isReadable = joined || !understood || BY_LINES.includes(understood.encoding);
+  return !isReadable && "To leave it out, delete its row from the file, say why in the file's name, and upload it on the robot's page.";
 }
 
 /** Longest name of a set. */
@@ -106,19 +101,32 @@ function besides(whole, stated) {
 }
 
 async function uploadWithout(robot, set, rows, name) {
-  const file = await blob(`/v1/measurement-sets/${set.id}/points`);
   const send = (body, type, columns, stated = statedOf(set)) => post(`/v1/robots/${robot.id}/measurement-sets?${new URLSearchParams({ ...stated, ...columns ? { columns: JSON.stringify(columns) } : {}, name })}`, body, type);
+  if (set.joined) {
+    const lines = (await (await blob(pointsPath(set))).text()).trimEnd().split("\n");
+    // its poses have quaternions, which need no convention
+    const { rotation: _, ...stated } = statedOf(set);
+    return send(lines.filter((_line, at) => at === 0 || !rows.includes(at - 1)).join("\n"), "text/csv", undefined, stated);
+  }
+  const file = await blob(`/v1/measurement-sets/${set.id}/points`);
   if (file.type.startsWith("application/json")) {
     const whole = JSON.parse(await file.text());
     return send(JSON.stringify({ ...whole, name, points: whole.points.filter((_, i) => !rows.includes(i)) }), "application/json", undefined, besides(whole, statedOf(set)));
   }
-  const parts = partsOf(new Uint8Array(await file.arrayBuffer()), set);
-  const lines = linesOfPoints(parts, robot.links.length, set);
-  if (!set.joined) return send(bytesOf(withoutLines(parts.table, rows, lines?.table)), "text/csv", isPlain(set.understood) ? undefined : mappingOf(set.understood));
-  const { by, clock_offset_s, tolerance_s } = set.joined.join;
-  const both = pair(bytesOf(by === "order" ? withoutLines(parts.robot, rows, lines?.robot) : parts.robot), bytesOf(withoutLines(parts.instrument, rows, lines?.instrument)));
-  return send(both.body, both.type, { robot: mappingOf(set.joined.robot), instrument: mappingOf(set.joined.instrument), join: { by, clock_offset_s, tolerance_s } });
+  const { lines } = await rowsOfSet(set);
+  const bytes = new Uint8Array(await file.arrayBuffer());
+  return send(bytesOf(withoutLines(binaryOf(bytes), rows, lines)), "text/csv", isPlain(set.understood) ? undefined : mappingOf(set.understood));
 }
+
+/** Bytes as a text with a character for each, so that what stays of them stays as it is. */
+function binaryOf(bytes) {
+  let text = "";
+  for (let at = 0; at < bytes.length; at += CHUNK) text += String.fromCharCode(...bytes.subarray(at, at + CHUNK));
+  return text;
+}
+
+/** Bytes that are turned into characters at once. */
+const CHUNK = 0x8000;
 
 const bytesOf = (binary) => Uint8Array.from(binary, (char) => char.charCodeAt(0));
 

@@ -54,7 +54,6 @@ function library(show, failed) {
 
 function tableForm(show) {
   const name = el("input", { id: "robot-name", maxlength: 200, required: true });
-  const serial = el("input", { id: "robot-serial", maxlength: 200 });
   const joints = el("input", { id: "robot-joints", type: "number", min: 1, max: MAX_JOINTS, value: 6 });
   const body = el("tbody", {});
   const cell = (i, [key, label]) => el("td", {}, el("input", { type: "number", step: "any", "data-key": key, "aria-label": `Link ${i + 1}, ${label}` }));
@@ -72,10 +71,10 @@ function tableForm(show) {
       const limits = values.low !== "" && values.high !== "" ? { joint_limits_deg: [Number(values.low), Number(values.high)] } : {};
       return { a_mm: Number(values.a_mm), alpha_deg: Number(values.alpha_deg), d_mm: Number(values.d_mm), theta_offset_deg: Number(values.theta_offset_deg), ...limits };
     });
-    show({ name: name.value, ...serial.value ? { serial_number: serial.value } : {}, links });
+    show({ name: name.value, links });
   };
   return el("form", { submit }, el("p.note", {}, "Craig's convention: Rx(α) · Dx(a) · Rz(q + θ) · Dz(d) from each link to the next."),
-    el("div.fields", {}, el("div", {}, el("label", { for: "robot-name" }, "Name"), name), el("div", {}, el("label", { for: "robot-serial" }, "Serial number"), serial), el("div", {}, el("label", { for: "robot-joints" }, "Joints"), joints)),
+    el("div.fields", {}, el("div", {}, el("label", { for: "robot-name" }, "Name"), name), el("div", {}, el("label", { for: "robot-joints" }, "Joints"), joints)),
     el("div.scroll.links", { tabindex: 0, role: "region", "aria-label": "Links" }, el("table", {}, el("thead", {}, el("tr", {}, ["Link", ...COLUMNS.map(([, label]) => label)].map((h) => el("th", { scope: "col" }, h)))), body)),
     el("div.actions", {}, el("button", { type: "submit" }, "Look at the arm")));
 }

@@ -7,10 +7,10 @@ import { positionOf } from "./kinematics.js";
 import { rowsOfSet } from "./rows.js";
 import { selection } from "./selection.js";
 
-/** A node that fills itself once the file was read again; empty where its joint values cannot be read here. */
+/** A node that fills itself once the points were read again. */
 export function posesOf(robot, set, signal) {
   const node = el("div", {});
-  rowsOfSet(set, robot.links.length, signal).then(({ joints, positions, names }) => {
+  rowsOfSet(set, signal).then(({ joints, positions, names }) => {
     if (joints && joints.length > 0) node.append(figureOf(robot, joints, set.frame === "base" ? positions : null, names));
   }, () => { /* the upload stands without its picture */ });
   return node;
@@ -22,7 +22,7 @@ function figureOf(robot, joints, measured, names) {
   const gap = (i) => shown && Math.hypot(...flange[i].map((v, k) => v - shown[i][k]));
   const points = joints.map((_, i) => ({ position: (shown ?? flange)[i], target: 0 }));
   const selected = selection(points.length);
-  const describe = (i) => pointFacts(names ? `Row ${i} (${names[i]})` : `Row ${i}`, [jointFacts(joints[i]), ["Flange, mm", flange[i].map((v) => fixed(v, 1)).join(", ")], shown && ["Measured, mm", shown[i].map((v) => fixed(v, 1)).join(", ")],
+  const describe = (i) => pointFacts(names?.[i] ? `Row ${i} (${names[i]})` : `Row ${i}`, [jointFacts(joints[i]), ["Flange, mm", flange[i].map((v) => fixed(v, 1)).join(", ")], shown && ["Measured, mm", shown[i].map((v) => fixed(v, 1)).join(", ")],
     shown && ["Distance", mm(gap(i))]]);
   const caption = shown ? "Dots: measured positions. Pick one: the arm takes the joint values of its row, and its flange should be near the dot, as far off as the reflector is."
     : "Dots: where the joint values of the file put the flange of the nominal robot. Pick one, and compare the arm with the robot in its cell.";

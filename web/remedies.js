@@ -7,17 +7,26 @@ import { equallyGood, jointMapRemedy, MAP, mapIn } from "./joint_maps.js";
 import { sheetChoice, sheetsIn } from "./sheets.js";
 import { SUSPICIONS } from "./words.js";
 
-/** The separators that a refusal asks to choose from. */
+/** Which of two files an issue is about: robot or instrument; undefined for the only file. */
+const partOf = (issue) => /^\/(robot|instrument)\b/.exec(issue.pointer ?? "")?.[1];
+
+/** What a mapping states of one file: of the only one, or of one of two. */
+const stated = (part, said) => ({ stated: part ? { [part]: said } : said });
+
+/** "the robot's file", or "the file". */
+const fileOf = (part) => (part ? `the ${part}'s file` : "the file");
+
+/** The separators that a refusal asks to choose from, and of which file: {separators, part}. */
 function separatorsIn(errors) {
-  const detail = (errors ?? []).filter((issue) => !issue.pointer).map((issue) => issue.detail).find((said) => said.includes('{"separator": '));
-  return [...new Set((detail?.split("State it")[0].match(/"[^"]+"/g) ?? []).map((quoted) => JSON.parse(quoted)))];
+  const issue = (errors ?? []).find(({ detail }) => detail.includes('"separator": '));
+  return { separators: [...new Set((issue?.detail.split("State it")[0].match(/"[^"]+"/g) ?? []).map((quoted) => JSON.parse(quoted)))], part: issue && partOf(issue) };
 }
 
-/** Whether a refusal does not tell which decimal mark a table has. */
-const asksForDecimal = (errors) => (errors ?? []).some((issue) => /"decimal": "(comma|point)"/.test(issue.detail));
+/** The refusal that does not tell which decimal mark a table has. */
+const decimalIn = (errors) => (errors ?? []).find((issue) => /"decimal": "(comma|point)"/.test(issue.detail));
 
 /** Whether a refusal is mended by one of a few buttons; what the columns are is asked afterwards. */
-export const asksForChoice = ({ errors }) => sheetsIn(errors).sheets.length > 0 || separatorsIn(errors).length > 0 || asksForDecimal(errors);
+export const asksForChoice = ({ errors }) => sheetsIn(errors).sheets.length > 0 || separatorsIn(errors).separators.length > 0 || decimalIn(errors) !== undefined;
 
 /** Units that a refusal names: its words, those of the button, and the unit of a column. */
 const isJoint = ({ means }) => /^q\d+$/.test(means);
@@ -60,9 +69,10 @@ export function remedies({ code, errors }, context) {
   const choose = (question, choices) => el("div", {}, el("p", {}, question), el("div.actions", {}, choices.map(([words, more]) => el("button", { type: "button", click: retry(more) }, words))));
   const asked = sheetsIn(errors);
   if (asked.sheets.length > 0 && !isJson) return sheetChoice(asked, context);
-  const separators = isJson ? [] : separatorsIn(errors);
-  if (separators.length > 0) return choose("What stands between the columns?", separators.map((separator) => [SEPARATORS[separator] ?? separator, { stated: { separator } }]));
-  if (asksForDecimal(errors) && !isJson) return choose("Which decimal mark has the file?", [["A comma: 12,5", { decimal: "comma" }], ["A point: 12.5", { decimal: "point" }]]);
+  const { separators, part } = separatorsIn(errors);
+  if (separators.length > 0 && !isJson) return choose(`What stands between the columns of ${fileOf(part)}?`, separators.map((separator) => [SEPARATORS[separator] ?? separator, stated(part, { separator })]));
+  const decimal = decimalIn(errors);
+  if (decimal && !isJson) return choose(`Which decimal mark has ${fileOf(partOf(decimal))}?`, [["A comma: 12,5", "comma"], ["A point: 12.5", "point"]].map(([words, mark]) => [words, partOf(decimal) ? stated(partOf(decimal), { decimal: mark }) : { decimal: mark }]));
   const texts = issues.map(({ detail }) => detail);
   const convention = texts.map((text) => /Read as (?:rotation=)?(rotation_vector|\w+_[xyz]{3}) /.exec(text) ?? /(?:^|[^\w])(rotation_vector|\w+_[xyz]{3}) fits this robot best/.exec(text)).find(Boolean)?.[1];
   const isBoard = texts.some((text) => text.includes("inverse_poses=true"));

@@ -15,7 +15,7 @@ import { nPoints, placeOf } from "./sessions.js";
 export function resultPoints({ report, job, sets, other, robot, parameterSet, names }, { signal, may }) {
   const points = report.per_point;
   const selected = selection(points.length);
-  const rows = { joints: null, names: null, lines: null };
+  const rows = { joints: null, lines: null };
   const [[set], own] = [sets, nPoints(sets)];
   const setOf = (i) => placeOf(sets, i)?.set ?? other ?? set;
   const row = (i) => {
@@ -24,13 +24,13 @@ export function resultPoints({ report, job, sets, other, robot, parameterSet, na
     return sets.length > 1 ? `row ${at.row} of session ${at.session + 1}` : `row ${at.row}`;
   };
   // the service numbers the points of files without a column of configurations
-  const label = (i) => rows.names?.[i] ?? points[i].configuration;
+  const label = (i) => points[i].name ?? points[i].configuration;
   const name = (i) => (/^(row_)?\d+$/.test(label(i)) ? row(i) : `${row(i)} (${label(i)})`);
   const leave = leavingOut({ job, sets, points, robot, may, name, changed: () => { table.redraw(); cell?.refresh(); } });
   const stages = [["before", names.before], ["after", names.after, names.remains], ...points.some((p) => p.corrected_mm !== undefined && p.corrected_mm !== p.after_mm) ? [["corrected", "with corrections"]] : []];
   const describe = (i) => {
     const p = points[i];
-    return pointFacts(`${name(i).replace("row", "Row")}${sets.length > 1 ? "," : " of"} ${setOf(i).name ?? "the set"}`, [["Configuration", label(i)], rows.lines?.[i] && [`Line in the ${setOf(i).joined ? "instrument's " : ""}file`, rows.lines[i]], ["Target", p.target], ["Half", `${p.subset}${p.outlier ? ", outlier" : ""}`], ...errorFacts(p, stages),
+    return pointFacts(`${name(i).replace("row", "Row")}${sets.length > 1 ? "," : " of"} ${setOf(i).name ?? "the set"}`, [[points[i].name ? "Name" : "Configuration", label(i)], rows.lines?.[i] && [`Line in the ${setOf(i).joined ? "instrument's " : ""}file`, rows.lines[i]], ["Target", p.target], ["Half", `${p.subset}${p.outlier ? ", outlier" : ""}`], ...errorFacts(p, stages),
       p.position_mm && ["Measured, mm", p.position_mm.map((v) => fixed(v, 2)).join(", ")], jointFacts(rows.joints?.[i])]);
   };
   const actions = (i) => [leave?.byHand(i) && el("p.note", {}, leave.byHand(i)), el("div.actions", {}, el("button", { type: "button", click: () => selected.step(-1) }, "Previous"), el("button", { type: "button", click: () => selected.step(1) }, "Next"),
@@ -58,12 +58,12 @@ export function resultPoints({ report, job, sets, other, robot, parameterSet, na
     fill(caption, captionOf(set, robot, !areAll ? "unknown" : sets.length > 1 ? "several" : "placed"));
     if (areAll) cell?.place?.(pointsOfReport(report, poseAt));
   };
-  const read = (one) => rowsOfSet(one, robot.links.length, signal).catch(() => ({}));
+  const read = (one) => rowsOfSet(one, signal).catch(() => ({}));
   Promise.all([...sets, ...points.length > own && other ? [other] : []].map(read)).then((files) => {
     if (signal.aborted) return;
-    // one file without joint values leaves all of them out; times and names that one file lacks, too
+    // what one file lacks, is left out of all
     const joined = (key) => (files.every((file, k) => file[key] || k >= sets.length) ? files.flatMap((file) => file[key] ?? []) : null);
-    const all = Object.fromEntries(["joints", "names", "lines", "times", "sequence"].map((key) => [key, joined(key)]));
+    const all = Object.fromEntries(["joints", "lines", "times", "sequence"].map((key) => [key, joined(key)]));
     // a place in the measuring order counts within its own session
     if (sets.length > 1) all.sequence = null;
     Object.assign(rows, all);

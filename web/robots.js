@@ -1,7 +1,7 @@
 // All robots and their states.
 
 import { get, list } from "./api.js";
-import { el, fill, problem, table, withFocus } from "./dom.js";
+import { drawMore, el, fill, problem, table, withFocus } from "./dom.js";
 import { age, capital, error, EVIDENCE, gateTitle, mm, signed, when } from "./format.js";
 import { forget, hasDrifted, isNewer, learn, noFacts, refusals } from "./list_facts.js";
 import { newRobot } from "./new_robot.js";
@@ -92,7 +92,7 @@ export async function robotsPage({ main, signal, may, why, query, keep }) {
     const page = kept.slice(0, state.shown);
     fill(rows, robotTable(page, state, robots.length > 0 ? noneOf(state, found.length) : nArchived > 0 ? "Every robot is archived." : "There is no robot yet."));
     fill(more, kept.length > 0 && el("span.note", { role: "status" }, `${page.length} of ${kept.length}${kept.length < robots.length ? ` that match, of ${robots.length} robots` : kept.length === 1 ? " robot" : " robots"}${robots === inUse ? "" : ", archived"}`),
-      kept.length > page.length && el("button", { type: "button", click: () => { state.shown += MORE; draw(); } }, "Show more"));
+      kept.length > page.length && el("button", { type: "button", click: () => drawMore(rows, () => { state.shown += MORE; draw(); }) }, "Show more"));
     // what comes later may change the order and the counts; an archived robot asks for nothing
     if (robots === inUse) learn(robots, state, signal, (robot) => update(robot, state, rows)).then((isNews) => isNews && !signal.aborted && withFocus(rows.parentElement, draw));
   };

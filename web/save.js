@@ -3,6 +3,7 @@
 import { blob } from "./api.js";
 import { el, say } from "./dom.js";
 import { plain } from "./format.js";
+import { pointsPath } from "./rows.js";
 
 /** File name extension by media type, for files whose type is known only from the answer. */
 const ENDINGS = { "application/json": ".json", "text/csv": ".csv" };
@@ -28,8 +29,8 @@ export function saveButton(text, path, stem, ending, label) {
   return el("button", { type: "button", click, "aria-label": label }, text);
 }
 
-/** What was uploaded, by the name of its set: a CSV or JSON. */
-export const savePoints = (text, set, label) => saveButton(text, `/v1/measurement-sets/${set.id}/points`, set.name ?? set.id, null, label);
+/** What was uploaded, by the name of its set. Two files that were joined are one table of their points. */
+export const savePoints = (text, set, label) => saveButton(text, set.joined ? pointsPath(set) : `/v1/measurement-sets/${set.id}/points`, set.name ?? set.id, null, label);
 
 /** Offers what a path answers as a file; a plain link could not send the key. */
 async function save(path, stem, ending) {

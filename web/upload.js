@@ -81,8 +81,10 @@ function statedForm(robot, frames) {
   // the board's frame is the instrument's
   const board = el("input", { id: "stated-board", type: "checkbox", change: () => { if (board.checked) { frames.querySelector("[value=instrument]").checked = true; frames.dispatchEvent(new Event("change")); } } });
   const field = (input, label) => el("div", {}, el("label", { for: input.id }, label), input);
-  const why = robot.serial_number ? "Read it off the type plate of the robot that was measured: this page does not know which one that was. With it a file of another robot is refused, and a release knows that it is the same one." : "This robot has none yet: store it under Name, at the end of this page, so that a file of another robot is refused.";
-  const node = el("div", {}, el("div.fields.stated", {}, field(serial, "Serial number of the measured robot"), el("p.note", {}, why)),
+  const why = "Read it off the type plate of the robot that was measured: this page does not know which one that was. With it a file of another robot is refused, and a release knows that it is the same one.";
+  // a robot without a serial number has nothing to compare it with
+  const asked = robot.serial_number ? el("div.fields.stated", {}, field(serial, "Serial number of the measured robot"), el("p.note", {}, why)) : el("p.note", {}, "This robot has no serial number yet: store it under Name, at the end of this page, so that a file of another robot is refused.");
+  const node = el("div", {}, asked,
     el("details", {}, el("summary", {}, "How the file is written: rotations, decimal mark"), el("p.note", {}, "Angles are asked for where the table has rx, ry and rz of a 6D target. KUKA's C, B and A turn about the fixed x, y and z, too."), el("div.fields", {}, field(rotation, "Angles rx, ry, rz of a pose"), field(decimal, "Decimal mark of a table")), el("label.choice", {}, board, "A camera on the arm sees a fixed board: the file has the board's poses, with rotations")));
   const read = () => Object.fromEntries([["serial_number", serial.value.trim()], ["rotation", rotation.value], ["decimal", decimal.value], ["inverse_poses", board.checked ? "true" : ""]].filter(([, value]) => value !== ""));
   return { node, read };
@@ -126,17 +128,24 @@ function single(file) {
   return { name: file.name, body: file, type: TYPES[extension] ?? "text/csv", isJson: extension === "json", text: file };
 }
 
-/** Two files in a form; their bytes stay as they are. */
-export function pair(robotFile, instrumentFile) {
-  const boundary = `kincal-${Array.from(crypto.getRandomValues(new Uint8Array(16)), (byte) => byte.toString(16).padStart(2, "0")).join("")}`;
+/** Two files in a form; their bytes stay as they are. The boundary is made from the files, so that the same files are the same upload. */
+async function pair(robotFile, instrumentFile) {
+  const boundary = `kincal-${await fingerprint(robotFile)}-${await fingerprint(instrumentFile)}`;
   const head = (part) => `--${boundary}\r\nContent-Disposition: form-data; name="${part}"\r\n\r\n`;
   const body = new Blob([head("robot"), robotFile, "\r\n", head("instrument"), instrumentFile, `\r\n--${boundary}--\r\n`]);
   return { name: robotFile.name, body, type: `multipart/form-data; boundary=${boundary}`, isJson: false, text: null, parts: 2 };
 }
 
+/** A number that differs between most files: their FNV-1a hash. */
+async function fingerprint(file) {
+  let hash = 0x811c9dc5;
+  for (const byte of new Uint8Array(await file.arrayBuffer())) hash = Math.imul(hash ^ byte, 0x01000193);
+  return `${file.size}-${(hash >>> 0).toString(16)}`;
+}
+
 /** Asks which of two files is the robot's. */
 function twoFiles(context, [one, other], query, out) {
-  const choose = (robot, instrument) => el("button", { type: "button", click: () => { out.focus(); upload(context, pair(robot, instrument), query, out); } }, robot.name);
+  const choose = (robot, instrument) => el("button", { type: "button", click: async () => { out.focus(); upload(context, await pair(robot, instrument), query, out); } }, robot.name);
   fill(out, el("div", {}, el("p", {}, "Which of the two has the robot's joint values? The other one is the instrument's."), el("div.actions", {}, choose(one, other), choose(other, one))));
 }
 
@@ -170,7 +179,7 @@ async function upload(context, file, query, out, isTried = false) {
       if (more.frame) context.framed?.(more.frame);
       upload(context, { ...file, sheets, stated: withChoices(file.stated ?? {}, stated ?? {}) }, { ...query, ...more }, out, !stated && (isTried || Boolean(more.columns)));
     };
-    const asPair = (sheets) => { out.focus(); upload(context, { ...pair(file.body, file.body), stated: sheets }, { ...query, columns: "" }, out); };
+    const asPair = async (sheets) => { out.focus(); upload(context, { ...await pair(file.body, file.body), stated: sheets }, { ...query, columns: "" }, out); };
     const isOneSheet = !file.parts && file.sheets?.length > 1 && sheetsIn(error.errors).sheets.length === 0;
     fill(out, refused(error, file, text), columns, remedies(error, { robot, file, query, retry, asPair }), isOneSheet && twoSheets(file.sheets, { asPair }));
     if (!isJson && isAboutColumns(error) && !asksForChoice(error)) {

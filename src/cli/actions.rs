@@ -1,7 +1,8 @@
 //! `kincal gates|release|withdraw|rollback|checked|cancel`: decisions of people about a parameter set, a robot or a job.
 
 use super::remedy::in_commands;
-use super::subject::{OfJob, OfParameterSet, OfRobot};
+use super::runtime::block_on;
+use super::subject::{OfJob, OfRobot, ParameterSetArgument, SetOfRobot, item};
 use super::terminal::{self, Output, plain};
 use reqwest::Method;
 use serde_json::{Value, json};
@@ -10,10 +11,21 @@ use serde_json::{Value, json};
 #[derive(Debug, clap::Args)]
 pub struct DecisionArguments {
     #[command(flatten)]
-    set: OfParameterSet,
+    set: ParameterSetArgument,
+    #[command(flatten)]
+    output: Output,
     /// Reason; it is kept with the decision.
     #[arg(long, value_name = "TEXT")]
     reason: String,
+}
+
+/// The parameter set whose gates are shown.
+#[derive(Debug, clap::Args)]
+pub struct GateArguments {
+    #[command(flatten)]
+    set: ParameterSetArgument,
+    #[command(flatten)]
+    output: Output,
 }
 
 /// Make a parameter set the robot's active one.
@@ -38,18 +50,29 @@ pub struct RobotDecisionArguments {
 
 /// `kincal release`.
 pub fn release(arguments: &ReleaseArguments) -> anyhow::Result<()> {
-    let DecisionArguments { set: of, reason } = &arguments.decision;
-    let id = &of.id;
+    let DecisionArguments {
+        set,
+        output,
+        reason,
+    } = &arguments.decision;
     let mut body = json!({"reason": reason});
     if let Some(change_reason) = &arguments.change_reason {
         body["change_reason"] = json!(change_reason);
     }
-    // A key may release without being allowed to read; then the status before the release is unknown.
-    let (was_released, set) = match of.get("") {
-        Ok(set) if set["status"] == "released" => (true, set),
-        _ => (false, of.post("/release", &body)?),
-    };
-    of.output.print(&set, || match was_released {
+    let (id, was_released, set) = block_on(async {
+        let client = set.server.client()?;
+        let id = set.id(&client, SetOfRobot::Candidate).await?;
+        // A key may release without being allowed to read; then the status before the release is unknown.
+        let (was_released, set) = match client.get(&item("parameter-sets", &id, "")?).await {
+            Ok(set) if set["status"] == "released" => (true, set),
+            _ => {
+                let path = item("parameter-sets", &id, "/release")?;
+                (false, client.send(Method::POST, &path, &body).await?)
+            }
+        };
+        anyhow::Ok((id, was_released, set))
+    })?;
+    output.print(&set, || match was_released {
         true => format!("{id} was released already; nothing changed"),
         false => format!("{id} is released: the cell gets it from now on"),
     })
@@ -57,13 +80,21 @@ pub fn release(arguments: &ReleaseArguments) -> anyhow::Result<()> {
 
 /// `kincal withdraw`.
 pub fn withdraw(arguments: &DecisionArguments) -> anyhow::Result<()> {
-    let DecisionArguments { set: of, reason } = arguments;
-    let set = of.post("/withdraw", &json!({"reason": reason}))?;
-    of.output.print(&set, || {
-        format!(
-            "{} is withdrawn; `kincal params` shows whether another one is active",
-            of.id
-        )
+    let DecisionArguments {
+        set,
+        output,
+        reason,
+    } = arguments;
+    let (id, set) = block_on(async {
+        let client = set.server.client()?;
+        let id = set.id(&client, SetOfRobot::Active).await?;
+        let path = item("parameter-sets", &id, "/withdraw")?;
+        let body = json!({"reason": reason});
+        let set = client.send(Method::POST, &path, &body).await?;
+        anyhow::Ok((id, set))
+    })?;
+    output.print(&set, || {
+        format!("{id} is withdrawn; `kincal params` shows whether another one is active")
     })
 }
 
@@ -106,8 +137,15 @@ pub fn cancel(of: &OfJob) -> anyhow::Result<()> {
 }
 
 /// `kincal gates`.
-pub fn gates(of: &OfParameterSet) -> anyhow::Result<()> {
-    show_gates(&of.get("/gates")?, &of.id, &of.output)
+pub fn gates(arguments: &GateArguments) -> anyhow::Result<()> {
+    let set = &arguments.set;
+    let (id, found) = block_on(async {
+        let client = set.server.client()?;
+        let id = set.id(&client, SetOfRobot::Candidate).await?;
+        let found = client.get(&item("parameter-sets", &id, "/gates")?).await?;
+        anyhow::Ok((id, found))
+    })?;
+    show_gates(&found, &id, &arguments.output)
 }
 
 /// Prints the gates of a parameter set; an error if one would refuse its release.

@@ -1,9 +1,8 @@
 //! `kincal export`: a parameter set in a format of other software or of a controller.
 
-use super::client::ServerArguments;
 use super::files::read;
 use super::runtime::block_on;
-use super::subject::{item, with_query};
+use super::subject::{ParameterSetArgument, SetOfRobot, item, with_query};
 use super::terminal;
 use super::usage::Usage;
 use crate::wire::export::ExportFormat;
@@ -16,10 +15,7 @@ use std::path::PathBuf;
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     #[command(flatten)]
-    server: ServerArguments,
-    /// The parameter set, as `kincal params` lists it.
-    #[arg(value_name = "ID")]
-    id: String,
+    set: ParameterSetArgument,
     /// Format of the export.
     #[arg(
         long,
@@ -70,10 +66,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         query.push(("beta", "refit".into()));
     }
     query.extend(arguments.tip.clone().map(|tip| ("tip", tip)));
-    let path = item("parameter-sets", &arguments.id, "/export")?;
-    let path = with_query(&path, &query)?;
+    let set = &arguments.set;
     let text = block_on(async {
-        let client = arguments.server.client()?;
+        let client = set.server.client()?;
+        let id = set.id(&client, SetOfRobot::Active).await?;
+        let path = with_query(&item("parameter-sets", &id, "/export")?, &query)?;
         match patch {
             Some(urdf) => {
                 client

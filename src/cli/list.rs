@@ -196,6 +196,11 @@ pub struct SetArguments {
         long, env = "KINCAL_POINTS", requires = "id", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue
     )]
     points: bool,
+    /// With --points: print the points as they were read, in one table, instead of the uploaded file.
+    #[arg(
+        long, env = "KINCAL_CSV", requires = "points", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue
+    )]
+    csv: bool,
     /// Only sets whose name contains this text.
     #[arg(long, env = "KINCAL_SEARCH", value_name = "TEXT")]
     search: Option<String>,
@@ -290,7 +295,11 @@ pub fn robots(arguments: &RobotArguments) -> anyhow::Result<()> {
 pub fn sets(arguments: &SetArguments) -> anyhow::Result<()> {
     let of = &arguments.of;
     if let (Some(id), true) = (&of.id, arguments.points) {
-        terminal::raw(of.server.read(&item(SETS.one, id, "/points")?)?);
+        let what = match arguments.csv {
+            true => "/points?format=csv",
+            false => "/points",
+        };
+        terminal::raw(of.server.read(&item(SETS.one, id, what)?)?);
         return Ok(());
     }
     of.list_or_show(&SETS, &[("search", &arguments.search)])

@@ -284,8 +284,13 @@ fn join_in_words(join: &JoinBody) -> Vec<String> {
         false => clock,
     };
     let mut lines = vec![format!(
-        "{} pairs of rows, joined by {}{loosely}{clock}",
-        join.n_joined, join.by
+        "{} of rows, joined by {}{loosely}{clock}",
+        if join.n_joined == 1 {
+            "1 pair".into()
+        } else {
+            format!("{} pairs", join.n_joined)
+        },
+        join.by
     )];
     for (file, rest) in [
         ("robot", &join.leftover_robot),
@@ -302,8 +307,12 @@ fn join_in_words(join: &JoinBody) -> Vec<String> {
                 })
                 .collect();
             let more = if rest.n > rows.len() { ", …" } else { "" };
+            let rows_have = match rest.n {
+                1 => format!("row of the {file} file has"),
+                _ => format!("rows of the {file} file have"),
+            };
             lines.push(format!(
-                "{} rows of the {file} file have no partner: {}{more}",
+                "{} {rows_have} no partner: {}{more}",
                 rest.n,
                 rows.join(", ")
             ));

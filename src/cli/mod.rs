@@ -125,7 +125,7 @@ enum Command {
     /// Find base and tool frame from sweeps of single joints.
     Frames(frames::Arguments),
     /// Check the gates of a release, without releasing; exit code 1 if the release would be refused.
-    Gates(subject::OfParameterSet),
+    Gates(actions::GateArguments),
     /// Show or set a robot's release policy.
     Policy(policy::Arguments),
     /// List a robot's work frames, or keep one under a name.

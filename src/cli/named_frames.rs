@@ -1,12 +1,14 @@
 //! `kincal work-frames` and `kincal tools`: frames and tools of a robot, kept under a name.
 
 use super::files::read;
-use super::numbers::{exactly, three_mm};
+use super::numbers::{exactly, three_angles, three_mm};
 use super::subject::{OfRobot, named};
 use super::terminal::{columns, shown_items};
 use super::usage::Usage;
+use crate::wire::decimals::fixed;
 use crate::wire::named_frame::{FixturePointBody, WorkFrameBody, WorkFrameReference};
-use crate::wire::tool::ToolBody;
+use crate::wire::posture::ShownOrientation;
+use crate::wire::tool::{ToolBody, quaternion};
 use anyhow::Context;
 use nalgebra::{Matrix3, Rotation3};
 use serde::Serialize;
@@ -68,12 +70,44 @@ struct SetTool {
     /// Tool centre point in the flange frame: X,Y,Z in mm.
     #[arg(long, value_name = "X,Y,Z", value_parser = three_mm, allow_hyphen_values = true)]
     mm: [f64; 3],
-    /// Orientation in the flange frame [default: as the flange].
-    #[arg(long, value_name = "W,X,Y,Z", value_parser = four, allow_hyphen_values = true)]
-    quaternion: Option<[f64; 4]>,
+    #[command(flatten)]
+    turned: Turned,
     /// Standard uncertainty of one coordinate, mm, of a tool that was measured with this robot [default: it is known relative to the flange, as from a drawing].
     #[arg(long, value_name = "MM")]
     std_mm: Option<f64>,
+}
+
+/// Orientation of a tool in the flange frame [default: as the flange], in the convention of the controller that shows it.
+#[derive(Debug, clap::Args)]
+#[group(multiple = false)]
+struct Turned {
+    /// Quaternion W,X,Y,Z (q1 to q4 of ABB) of the orientation in the flange frame [default: as the flange].
+    #[arg(long, value_name = "W,X,Y,Z", value_parser = four, allow_hyphen_values = true)]
+    quaternion: Option<[f64; 4]>,
+    /// A,B,C of the orientation, as a KUKA controller shows them, degrees.
+    #[arg(long, value_name = "A,B,C", value_parser = three_angles, allow_hyphen_values = true)]
+    abc_deg: Option<[f64; 3]>,
+    /// W,P,R of the orientation, as FANUC shows them, or Rx,Ry,Rz of Yaskawa, degrees.
+    #[arg(long, value_name = "W,P,R", value_parser = three_angles, allow_hyphen_values = true)]
+    wpr_deg: Option<[f64; 3]>,
+    /// Rotation vector RX,RY,RZ of the orientation, as Universal Robots show it, rad.
+    #[arg(long, value_name = "RX,RY,RZ", value_parser = three_angles, allow_hyphen_values = true)]
+    rotation_vector_rad: Option<[f64; 3]>,
+}
+
+impl Turned {
+    /// The quaternion as it was typed, or that of the angles.
+    fn quaternion(&self) -> Option<[f64; 4]> {
+        let angles = ShownOrientation {
+            kuka_abc_deg: self.abc_deg,
+            fanuc_wpr_deg: self.wpr_deg,
+            ur_rotation_vector_rad: self.rotation_vector_rad,
+            quaternion: None,
+        };
+        let has_angles = angles != ShownOrientation::default();
+        self.quaternion
+            .or_else(|| has_angles.then(|| quaternion(&angles.rotation())))
+    }
 }
 
 #[derive(Debug, clap::Args)]
@@ -137,7 +171,7 @@ pub fn tools(arguments: &ToolArguments) -> anyhow::Result<()> {
         ToolCommand::Set(set) => {
             let body = ToolBody {
                 translation_mm: set.mm,
-                quaternion: set.quaternion,
+                quaternion: set.turned.quaternion(),
                 std_mm: set.std_mm,
                 ..ToolBody::default()
             };
@@ -192,12 +226,7 @@ fn in_words(items: &[Value]) -> String {
         } else {
             "t_reference_work"
         }];
-        let mm = |axis: usize| {
-            format!(
-                "{:.3}",
-                t["translation_mm"][axis].as_f64().unwrap_or(f64::NAN)
-            )
-        };
+        let mm = |axis: usize| fixed(t["translation_mm"][axis].as_f64().unwrap_or(f64::NAN), 3);
         let frame = if is_tool {
             "flange"
         } else {
@@ -227,11 +256,11 @@ fn turned_in_words(rotation: &Value) -> String {
     let rotation = Matrix3::from_fn(|row, column| rotation[row][column].as_f64().unwrap_or(0.0));
     match Rotation3::from_matrix_unchecked(rotation).axis_angle() {
         Some((axis, rad)) => format!(
-            "{:.3}° about {:.3} {:.3} {:.3}",
+            "{:.3}° about {} {} {}",
             rad.to_degrees(),
-            axis.x,
-            axis.y,
-            axis.z
+            fixed(axis.x, 3),
+            fixed(axis.y, 3),
+            fixed(axis.z, 3)
         ),
         None => "0°".into(),
     }

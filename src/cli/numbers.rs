@@ -16,3 +16,8 @@ pub fn exactly<const N: usize>(text: &str, what: &str) -> Result<[f64; N], Strin
 pub fn three_mm(text: &str) -> Result<[f64; 3], String> {
     exactly(text, "three numbers in mm are needed, such as 30,-45,160")
 }
+
+/// Three angles.
+pub fn three_angles(text: &str) -> Result<[f64; 3], String> {
+    exactly(text, "three angles are needed, such as 112.8,33.2,132.8")
+}

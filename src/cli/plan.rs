@@ -8,6 +8,7 @@ use super::terminal::{self, Output};
 use super::usage::Usage;
 use crate::operations::plan_poses;
 use crate::wire::columns::ColumnsBody;
+use crate::wire::decimals::fixed;
 use crate::wire::issue::Issue;
 use crate::wire::job::Model;
 use crate::wire::measurement::{Frame, Upload, from_file};
@@ -124,11 +125,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let station = if has_set_ups { ",station" } else { "" };
     say!("configuration{station},{}", header.join(","));
     for (i, configuration) in plan.configurations.iter().enumerate() {
-        let values: Vec<String> = configuration
-            .q_deg
-            .iter()
-            .map(|q| format!("{q:.4}"))
-            .collect();
+        let values: Vec<String> = configuration.q_deg.iter().map(|q| fixed(*q, 4)).collect();
         // A repeat gets the number of the configuration that it repeats, so that both are always in the same subset.
         let station = match &configuration.set_up {
             Some(name) => format!(",{}", quoted(name)),

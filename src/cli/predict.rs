@@ -3,6 +3,7 @@
 use super::numbers;
 use super::subject::OfParameterSet;
 use super::terminal::plain;
+use crate::wire::decimals::fixed;
 use serde_json::{Value, json};
 
 /// The tool's position for joint values, computed with identified parameters.
@@ -56,7 +57,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
                 .as_array()
                 .into_iter()
                 .flatten()
-                .map(|mm| format!("{:.4}", mm.as_f64().unwrap_or(f64::NAN)))
+                .map(|mm| fixed(mm.as_f64().unwrap_or(f64::NAN), 4))
                 .collect();
             let note = match extrapolated[i] == true {
                 true => ",extrapolated",

@@ -3,12 +3,13 @@
 use super::client::{Client, ServerArguments};
 use super::files::{cannot_be_used, parse_json, read};
 use super::import::{format_of, tell};
-use super::numbers::{self, three_mm};
+use super::numbers::{self, three_angles, three_mm};
 use super::runtime::block_on;
 use super::terminal::{Output, columns, plain};
 use super::usage::Usage;
 use crate::operations::import::import_with;
 use crate::operations::{MAX_APART, posture, robot_models};
+use crate::wire::decimals::fixed;
 use crate::wire::import::{ImportDigits, ImportFormat};
 use crate::wire::posture::{PostureAnswer, PostureBody, ShownOrientation};
 use crate::wire::robot::{LinkBody, MountingBody, NamedMounting, Robot, RobotBody};
@@ -151,10 +152,6 @@ fn degrees(text: &str) -> Result<Degrees, String> {
     numbers::all(text).map(Degrees).ok_or_else(|| {
         "numbers, such as 10 -20 30 0 45 0 or 10,-20,30,0,45,0; the robot is named by --robot, --arm or --robot-file".into()
     })
-}
-
-fn three_angles(text: &str) -> Result<[f64; 3], String> {
-    numbers::exactly(text, "three angles are needed, such as 112.8,33.2,132.8")
 }
 
 fn four_numbers(text: &str) -> Result<[f64; 4], String> {
@@ -418,14 +415,13 @@ fn check_posture(arguments: &PostureArguments) -> anyhow::Result<()> {
 }
 
 fn posture_in_words(found: &PostureAnswer) -> String {
-    let [x, y, z] = found.position_mm;
+    let [x, y, z] = found.position_mm.map(|mm| fixed(mm, 3));
     let four = |numbers: &[f64]| {
-        let texts: Vec<String> = numbers.iter().map(|n| format!("{:.4}", n + 0.0)).collect();
+        let texts: Vec<String> = numbers.iter().map(|n| fixed(*n, 4)).collect();
         texts.join("  ")
     };
-    let mut text = format!(
-        "position               X {x:.3}  Y {y:.3}  Z {z:.3} mm, in the robot's base frame\n"
-    );
+    let mut text =
+        format!("position               X {x}  Y {y}  Z {z} mm, in the robot's base frame\n");
     for row in &found.rotation {
         text += &format!("rotation matrix        {}\n", four(row));
     }

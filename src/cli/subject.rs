@@ -9,6 +9,9 @@ use reqwest::Method;
 use serde::Serialize;
 use serde_json::Value;
 
+/// Maximum number of parameter sets that a message names.
+const MAX_NAMED: usize = 10;
+
 /// A robot of a server.
 #[derive(Debug, clap::Args)]
 pub struct OfRobot {
@@ -54,6 +57,61 @@ macro_rules! item_of_a_server {
 item_of_a_server! {
     /// A parameter set of a server.
     OfParameterSet, "parameter-sets", "The parameter set, as `kincal params` lists it."
+}
+
+/// A parameter set of a server, by its id or by its robot.
+#[derive(Debug, clap::Args)]
+pub struct ParameterSetArgument {
+    #[command(flatten)]
+    pub server: ServerArguments,
+    /// The parameter set, as `kincal params` lists it; or its robot (id, name or serial number) for the only set in question.
+    #[arg(value_name = "ID|ROBOT")]
+    named: String,
+}
+
+/// Which parameter set of a robot a command is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SetOfRobot {
+    /// The only candidate.
+    Candidate,
+    /// The released set.
+    Active,
+}
+
+impl ParameterSetArgument {
+    /// The id of the parameter set.
+    ///
+    /// # Errors
+    /// [`Usage`] if a robot has no such set, or several candidates: a person chooses what is released.
+    pub async fn id(&self, client: &Client, which: SetOfRobot) -> anyhow::Result<String> {
+        let named = self.named.as_str();
+        if named.starts_with("par_") {
+            return Ok(checked(named)?.into());
+        }
+        let robot = client.robot_id(named).await?;
+        let sets = format!("/v1/robots/{robot}/parameter-sets");
+        if which == SetOfRobot::Active {
+            let active = client.get(&format!("{sets}/active")).await?;
+            return Ok(active["id"].as_str().unwrap_or_default().into());
+        }
+        let answer = client
+            .get(&format!("{sets}?status=candidate&limit={MAX_NAMED}"))
+            .await?;
+        let items = answer["items"].as_array().into_iter().flatten();
+        let ids: Vec<&str> = items.filter_map(|set| set["id"].as_str()).collect();
+        match ids[..] {
+            [id] => Ok(id.into()),
+            [] => Err(Usage(format!(
+                "robot {named:?} has no candidate; `kincal params --robot {named:?}` lists its parameter sets"
+            ))
+            .into()),
+            _ => Err(Usage(format!(
+                "robot {named:?} has several candidates; name one of them: {}",
+                ids.join(", ")
+            ))
+            .into()),
+        }
+    }
 }
 item_of_a_server! {
     /// A job of a server.

@@ -35,10 +35,11 @@ pub fn report(report: &Report) -> String {
     for warning in &report.warnings {
         line!(
             text,
-            "\nwarning: {} ({}): {}",
+            "\nwarning: {} ({}): {}{}",
             words::warning(&warning.code),
             warning.code,
-            with_options(&warning.detail)
+            with_options(&warning.detail),
+            warning.points_in_words()
         );
         let advice = words::advice(&warning.code, &report.warnings);
         if !advice.is_empty() {

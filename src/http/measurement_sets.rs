@@ -20,10 +20,11 @@ use crate::wire::instrument::InstrumentBody;
 use crate::wire::issue::Checker;
 use crate::wire::measurement::{
     self, DEFAULT_FRAME, Decimal, Frame, MeasurementSet, MeasurementSetBody, SetSummary, Warning,
-    from_upload,
+    from_upload, points_csv,
 };
 use crate::wire::multipart::{FileBytes, UploadForm};
 use crate::wire::page::Page;
+use crate::wire::points_csv::PointsFormat;
 use crate::wire::robot::{MAX_NAME, Robot, RobotBody};
 use crate::wire::session_record::SessionRecord;
 use crate::wire::suspicion::Insist;
@@ -193,6 +194,9 @@ pub async fn create(
     {
         upload.warnings.push(same_file_elsewhere());
     }
+    if let Some(known) = measurement_sets::same_file(&app.store, &robot_id, &sha256).await? {
+        upload.warnings.push(same_file_again(&known));
+    }
     let reading = upload.reading.as_ref();
     let new = NewMeasurementSet {
         robot_id,
@@ -300,10 +304,14 @@ fn parse_upload(
         .for_each(|name| checker.text("/name", name, MAX_NAME));
     checker.finish("invalid_name")?;
     let found = upload_checks::warnings(&robot, &set);
-    let mut warnings: Vec<Warning> = found.iter().map(Warning::from).collect();
-    for warning in &mut warnings {
-        warning.rows.truncate(MAX_WARNED_ROWS);
-    }
+    let mut warnings: Vec<Warning> = found
+        .iter()
+        .map(|warning| {
+            let mut warning = Warning::from(warning);
+            warning.rows.truncate(MAX_WARNED_ROWS);
+            warning.naming(|row| set.points.get(row)?.name.as_deref())
+        })
+        .collect();
     if stated_frame.is_none() {
         warnings.push(frame_assumed());
     }
@@ -342,6 +350,14 @@ fn same_file_elsewhere() -> Warning {
     Warning::new("same_file_elsewhere", detail)
 }
 
+fn same_file_again(known: &MeasurementSetRow) -> Warning {
+    let detail = format!(
+        "the same file was uploaded to this robot before, as {:?}: its points say nothing new, and count as the same session",
+        known.name.as_ref().unwrap_or(&known.id)
+    );
+    Warning::new("same_file_again", detail)
+}
+
 /// Refuses an upload that names another serial number.
 fn check_serial_number(robot: &RobotBody, stated: Option<&str>) -> Result<(), Error> {
     let Some(stated) = stated else { return Ok(()) };
@@ -375,17 +391,41 @@ pub async fn get(Item { app, caller, id }: Item) -> Result<Json<SetSummary>, Err
     Ok(Json((&row).try_into()?))
 }
 
-/// The uploaded bytes, in their own content type.
+/// Query of a set's points.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct PointsQuery {
+    /// `csv` for the points as they were read, whatever files they were uploaded in: one row each, with the name and the line that the point has in its
+    /// file. Default: the uploaded bytes.
+    #[param(inline)]
+    format: Option<PointsFormat>,
+}
+
+/// The uploaded bytes, in their own content type; or the points of the upload as a table.
 #[utoipa::path(
     get, path = "/v1/measurement-sets/{id}/points", tag = "measurement sets", operation_id = "getMeasurementSetPoints",
-    params(("id" = String, Path, description = "The set")),
-    responses((status = 200, description = "What was uploaded, byte for byte", content((String = "text/csv"), (MeasurementSetBody = "application/json"), (FileBytes = "multipart/form-data"))))
+    params(("id" = String, Path, description = "The set"), PointsQuery),
+    responses((status = 200, description = "What was uploaded, byte for byte; with format=csv a table", content((String = "text/csv"), (MeasurementSetBody = "application/json"), (FileBytes = "multipart/form-data"))))
 )]
-pub async fn points(Item { app, caller, id }: Item) -> Result<Response, Error> {
-    let _permit = app.limits.compute(caller.class).await?;
+pub async fn points(
+    Item { app, caller, id }: Item,
+    Query(query): Query<PointsQuery>,
+) -> Result<Response, Error> {
+    let permit = app.limits.compute(caller.class).await?;
     let row = access::measurement_set(&app, &caller, &id).await?;
     let body = measurement_sets::body(&app.store, &id).await?;
-    Ok(([(header::CONTENT_TYPE, row.content_type)], body).into_response())
+    if query.format.is_none() {
+        return Ok(([(header::CONTENT_TYPE, row.content_type)], body).into_response());
+    }
+    let robot = access::robot(&app, &caller, &row.robot_id).await?;
+    let n_joints = access::robot_body(&robot)?.links.len();
+    let table = move || {
+        let reading = row.reading_json.as_deref();
+        points_csv(&row.content_type, reading, &body, row.frame, n_joints).map_err(Error::Invalid)
+    };
+    let table = permit.run(table).await?;
+    Ok(([(header::CONTENT_TYPE, "text/csv; charset=utf-8")], table).into_response())
 }
 
 impl TryFrom<&MeasurementSetRow> for SetSummary {

@@ -178,6 +178,7 @@ impl Answer {
                          values nearer to the target"
                     .into(),
                 rows: self.far,
+                points: vec![],
             });
         }
         document

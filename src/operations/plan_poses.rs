@@ -105,6 +105,7 @@ fn warnings(request: &PosePlanBody, plan: &Plan) -> Vec<Warning> {
             code: code.into(),
             detail,
             rows: vec![],
+            points: vec![],
         }]
     };
     let given = format!(

@@ -12,6 +12,7 @@ use crate::wire::columns::{ColumnsBody, FilePart};
 use crate::wire::compensate::{
     CartesianTarget, CompensateAnswer, CompensateBody, MAX_TARGETS_PER_REQUEST,
 };
+use crate::wire::decimals::fixed;
 use crate::wire::issue::{Invalid, Issue};
 use crate::wire::{table_upload, workbook};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
@@ -303,18 +304,18 @@ impl Program {
             replaced.extend(angles.map(|(at, q_deg)| (at, self.angle(at, *q_deg))));
             if let Some(pose) = answer.poses.as_ref().and_then(|poses| poses.get(i)) {
                 let position = place.position.iter().flatten().zip(pose.position_mm);
-                replaced.extend(position.map(|(at, mm)| (at, self.marked(at, format!("{mm:.5}")))));
+                replaced.extend(position.map(|(at, mm)| (at, self.marked(at, fixed(mm, 5)))));
                 let quaternion = place.quaternion.iter().flatten().zip(pose.quaternion);
-                replaced.extend(quaternion.map(|(at, q)| (at, self.marked(at, format!("{q:.9}")))));
+                replaced.extend(quaternion.map(|(at, q)| (at, self.marked(at, fixed(q, 9)))));
                 if let Some(angles) = &place.angles {
                     let [w, x, y, z] = pose.quaternion;
                     let q = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
                     let rotation = q.to_rotation_matrix();
                     let rad = angles.convention.angles_rad(&rotation, &angles.angles_rad);
                     let angles = angles.places.iter().zip(rad.iter());
-                    replaced.extend(angles.map(|(at, rad)| {
-                        (at, self.marked(at, format!("{:.7}", rad.to_degrees())))
-                    }));
+                    replaced.extend(
+                        angles.map(|(at, rad)| (at, self.marked(at, fixed(rad.to_degrees(), 7)))),
+                    );
                 }
             }
         }
@@ -335,8 +336,8 @@ impl Program {
             at,
             // The step is at most 2e-7 degrees in each unit.
             match self.deg > 10.0 {
-                true => format!("{:.9}", q_deg / self.deg),
-                false => format!("{:.7}", q_deg / self.deg),
+                true => fixed(q_deg / self.deg, 9),
+                false => fixed(q_deg / self.deg, 7),
             },
         )
     }

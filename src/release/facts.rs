@@ -250,6 +250,7 @@ pub fn missing_misfit_warning(request: &CalibrationRequest, report: &Report) -> 
         code: code.into(),
         detail: String::new(),
         rows: Vec::new(),
+        points: Vec::new(),
     })
 }
 

@@ -41,6 +41,7 @@ pub fn insisted_warning(code: &str) -> Warning {
             "the points were refused as {code} and kept because the uploader insisted: no release rests on them"
         ),
         rows: Vec::new(),
+        points: Vec::new(),
     }
 }
 

@@ -69,7 +69,7 @@ pub fn warnings(warnings: &[Warning]) -> Markup {
                     strong { (words::warning(&warning.code)) ". " }
                     (words::advice(&warning.code, warnings).join(" "))
                 }
-                p.note { (words::capital(warning.detail.trim_end_matches('.'))) "." }
+                p.note { (words::capital(warning.detail.trim_end_matches('.'))) (warning.points_in_words()) "." }
             }
         }
     }
@@ -332,7 +332,7 @@ pub fn repeatability(report: &Report) -> Markup {
                 tbody {
                     @for pose in found.poses.iter().take(MAX_POSES) {
                         tr {
-                            th { (pose.configuration) }
+                            th { (pose.name.as_ref().unwrap_or(&pose.configuration)) }
                             td.n { (pose.target) }
                             td.n { (pose.n) }
                             td.n { (error(pose.rp_mm)) }

@@ -83,7 +83,7 @@ macro_rules! columns {
     };
 }
 
-pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, BODY, BY_ID, OTHER_ROBOTS];
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, BODY, BY_ID, OTHER_ROBOTS, SAME_FILE];
 
 const INSERT: &str = concat!(
     "insert into measurement_set (id, robot_id, name, frame, content_type, body, sha256,
@@ -115,6 +115,15 @@ const OTHER_ROBOTS: &str = "select count(*) from robot r where r.id <> $1
     and not exists (select 1 from archived a where a.id = r.id)
     and exists (select 1 from measurement_set m where m.robot_id = r.id and m.sha256 = $2
         and not exists (select 1 from archived a where a.id = m.id))";
+
+// The newest upload of these bytes to a robot, what was archived left out.
+const SAME_FILE: &str = concat!(
+    "select ",
+    columns!(),
+    " from measurement_set where robot_id = $1 and sha256 = $2
+        and not exists (select 1 from archived a where a.id = measurement_set.id)
+     order by created_at_ms desc, id desc limit 1"
+);
 
 fn as_created(row: &MeasurementSetRow) -> Value {
     let rest = json!([
@@ -186,6 +195,15 @@ pub async fn get(store: &Store, id: &str) -> Result<MeasurementSetRow> {
 /// Number of other robots to which the same bytes were uploaded.
 pub async fn n_other_robots(store: &Store, robot_id: &str, sha256: &str) -> Result<i64> {
     sql::value(store.readers(), OTHER_ROBOTS, values![robot_id, sha256]).await
+}
+
+/// The newest upload of the same bytes to this robot.
+pub async fn same_file(
+    store: &Store,
+    robot_id: &str,
+    sha256: &str,
+) -> Result<Option<MeasurementSetRow>> {
+    sql::first(store.readers(), SAME_FILE, values![robot_id, sha256]).await
 }
 
 /// The uploaded bytes of one measurement set.

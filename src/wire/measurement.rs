@@ -14,6 +14,7 @@ use crate::wire::issue::{Checker, Invalid};
 use crate::wire::json;
 use crate::wire::point::TimeCheck;
 pub use crate::wire::point::{MAX_JOINT_VALUE_DEG, PointBody};
+use crate::wire::points_csv;
 use crate::wire::reference::SetReference;
 use crate::wire::robot::MAX_NAME;
 use crate::wire::session_record::SessionRecord;
@@ -219,15 +220,35 @@ pub fn from_upload(
     frame: Frame,
     n_joints: usize,
 ) -> Result<MeasurementSet, Invalid> {
-    let reading: Option<Reading> = reading_json
-        .map(serde_json::from_str)
-        .transpose()
-        .map_err(|error| Invalid::at("", "unreadable", error.to_string()))?;
+    let reading = stored_reading(reading_json)?;
     let set = parse_stored(content_type, reading.as_ref(), bytes, frame, n_joints)?;
     match reading.is_some_and(|reading| reading.inverse_poses) {
         true => Ok(set.with_inverse_poses()),
         false => Ok(set),
     }
+}
+
+/// The points of a stored upload as a CSV in the form of the documentation. Poses that are inverted for a job are here as they were uploaded.
+///
+/// # Errors
+/// As [`from_upload`].
+pub fn points_csv(
+    content_type: &str,
+    reading_json: Option<&str>,
+    bytes: &[u8],
+    frame: Frame,
+    n_joints: usize,
+) -> Result<Vec<u8>, Invalid> {
+    let reading = stored_reading(reading_json)?;
+    let set = parse_stored(content_type, reading.as_ref(), bytes, frame, n_joints)?;
+    let has_own_noise = reading.is_none_or(|reading| reading.instrument.is_none());
+    points_csv::write(&set, has_own_noise)
+        .map_err(|error| Invalid::at("", "unreadable", error.to_string()))
+}
+
+fn stored_reading(reading_json: Option<&str>) -> Result<Option<Reading>, Invalid> {
+    let reading = reading_json.map(serde_json::from_str).transpose();
+    reading.map_err(|error| Invalid::at("", "unreadable", error.to_string()))
 }
 
 fn parse_stored(

@@ -7,6 +7,7 @@
 pub mod bounds;
 pub mod canonical;
 pub mod content_type;
+pub mod decimals;
 pub mod id;
 pub mod issue;
 pub mod json;
@@ -36,6 +37,7 @@ pub mod frames;
 pub mod instrument;
 pub mod measurement;
 pub mod point;
+pub mod points_csv;
 pub mod session_record;
 pub mod suspicion;
 pub mod table_preview;

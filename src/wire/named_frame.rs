@@ -175,6 +175,7 @@ impl WorkFrameBody {
             code: doubt.code().into(),
             detail: doubt.to_string(),
             rows: doubt.points(),
+            points: vec![],
         })
     }
 

@@ -198,6 +198,8 @@ impl PointBody {
             q_rad: self.q_deg.iter().map(|deg| deg.to_radians()).collect(),
             position_mm: Vector3::from(self.position_mm),
             configuration: self.configuration.clone().unwrap_or_default(),
+            name: None,
+            line: None,
             target: self.target.unwrap_or(0),
             target_name: self.target_name.clone(),
             subset: self.subset,

@@ -1,9 +1,10 @@
 //! Converts the core's report to the report of the API, and computes the hash of the result.
 
 use crate::calibration::point_errors::PointErrors;
-use crate::calibration::report::MethodComparison;
+use crate::calibration::report::{self, MethodComparison};
 use crate::calibration::{CalibrationReport, ROBOT_CHANGED};
 use crate::identification::statistics::workspace::ToolUncertainty;
+use crate::measurement::Subset;
 use crate::wire::canonical;
 use crate::wire::measurement::Warning;
 use crate::wire::parameter_set::ParameterSetContent;
@@ -99,14 +100,24 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
             .insisted
             .iter()
             .cloned()
-            .chain(core.warnings.iter().map(Warning::from))
+            .chain(core.warnings.iter().map(|warning| named(warning, core)))
             .collect(),
         result_sha256: String::new(),
     }
 }
 
-/// SHA-256 of the report, the parameter set, the convergence curve and the network's hash. Identifiers, times, durations and comparisons with earlier
-/// sessions are removed first, because they are not part of the result.
+/// A warning with the names of its points. The points of a separate verification set come after all others.
+fn named(warning: &report::Warning, core: &CalibrationReport) -> Warning {
+    let is_own = |point: &&PointErrors| point.subset == Subset::Identify;
+    let first = match warning.is_of_the_verify_set() {
+        true => core.per_point.iter().filter(is_own).count(),
+        false => 0,
+    };
+    Warning::from(warning).naming(|row| core.per_point.get(first + row)?.name.as_deref())
+}
+
+/// SHA-256 of the report, the parameter set, the convergence curve and the network's hash. Identifiers, names of points, times, durations and comparisons
+/// with earlier sessions are removed first, because they are not part of the result.
 fn result_sha256(
     report: &Report,
     core: &CalibrationReport,
@@ -133,13 +144,17 @@ fn result_sha256(
                 !ABOUT_EARLIER_SESSIONS.contains(&warning["code"].as_str().unwrap_or_default())
             });
         }
-        for row in fields
-            .get_mut("comparison")
-            .and_then(|rows| rows.as_array_mut())
-            .into_iter()
-            .flatten()
-        {
-            row.as_object_mut().map(|row| row.remove("duration_ms"));
+        // the time of a comparison, and the names of points in their file
+        for (rows, field) in [
+            ("/comparison", "duration_ms"),
+            ("/per_point", "name"),
+            ("/repeatability/poses", "name"),
+            ("/warnings", "points"),
+        ] {
+            let rows = value.pointer_mut(rows).and_then(|rows| rows.as_array_mut());
+            for row in rows.into_iter().flatten() {
+                row.as_object_mut().map(|row| row.remove(field));
+            }
         }
     }
     let (parameter_set, convergence) = (ParameterSetContent::from(core), convergence(core));
@@ -172,6 +187,7 @@ impl From<&PointErrors> for PointReport {
     fn from(p: &PointErrors) -> Self {
         Self {
             configuration: p.configuration.clone(),
+            name: p.name.clone(),
             target: p.target,
             subset: p.subset,
             before_mm: p.before_mm,

@@ -132,6 +132,9 @@ pub struct Report {
 pub struct PointReport {
     /// Its configuration.
     pub configuration: String,
+    /// Its name in the file; absent if the file names no points.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
     /// Its target.
     pub target: usize,
     /// Its subset.

@@ -120,7 +120,16 @@ pub fn read(files: &Files, options: &UploadOptions) -> Result<(MeasurementSet, R
         };
         return Ok((set, reading));
     }
-    let (robot, instrument) = (read(0)?, read(1)?);
+    let (robot, instrument) = match (read(0), read(1)) {
+        (Ok(robot), Ok(instrument)) => (robot, instrument),
+        // both files are mended at once
+        (Err(mut of_robot), Err(of_instrument)) => {
+            of_robot.issues.extend(of_instrument.issues);
+            of_robot.issues.truncate(MAX_ISSUES);
+            return Err(of_robot);
+        }
+        (Err(error), _) | (_, Err(error)) => return Err(error),
+    };
     joined(&robot, &instrument, &options.columns.join()?, options.frame)
 }
 

@@ -80,6 +80,10 @@ fn two_hundred_robots_are_found_by_what_they_need() {
         browser
             .until("document.querySelectorAll('tbody tr').length === 120")
             .await;
+        // the keyboard goes on at the first robot that came
+        browser
+            .until("[...document.querySelectorAll('tbody tr')].indexOf(document.activeElement.closest('tr')) > 0")
+            .await;
         // What a reader may not do is said, with the scope that it takes.
         browser
             .until_it_says("With this key you cannot add robots: that takes the scope upload.")

@@ -15,6 +15,7 @@ mod hall;
 mod reach;
 mod sessions;
 mod trouble;
+mod two_files;
 mod walk;
 mod watched;
 #[allow(dead_code)] // other tests write its other kinds

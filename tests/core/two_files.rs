@@ -574,3 +574,59 @@ fn an_export_without_header_is_read_by_numbers_beside_a_robots_file_with_one() {
         "{detail}"
     );
 }
+
+#[test]
+fn a_point_has_the_name_and_the_line_that_it_has_in_its_file() {
+    let robot = log(12, |i| format!("P{i}"));
+    let instrument = export("Name", 12, |i| format!("p_0{i}"));
+    let instrument = instrument.replacen("p_01,", "# a comment\np_01,", 1);
+    let body = form(robot.as_bytes(), instrument.as_bytes());
+    let (set, _) = read(&body, "").unwrap();
+    for (row, point) in set.points.iter().enumerate() {
+        assert_eq!(
+            point.name.as_deref(),
+            Some(format!("P{}", row + 1).as_str())
+        );
+        assert_eq!(point.line, Some(row + 3));
+        // what belongs together is decided without the name
+        assert_eq!(point.configuration, format!("row_{row}"));
+        assert_eq!(point.shown(), format!("P{}", row + 1));
+    }
+    let numbered = log(12, |i| i.to_string()).replace("Point,", "No.,");
+    let body = form(
+        numbered.as_bytes(),
+        export("No.", 12, |i| i.to_string()).as_bytes(),
+    );
+    let (set, _) = read(&body, "").unwrap();
+    assert_eq!(set.points[4].shown(), "5");
+}
+
+#[test]
+fn numbers_in_names_pair_if_the_caller_says_so_and_the_rest_is_left_over() {
+    let robot = log(12, |i| format!("P{i}"));
+    let more = "DRIFT_1,815.2,-40.7,303.9\nHOME,-77.1,912.4,66.6\nPoint 40,431.8,-222.3,518.4\nPoint 41,-640.5,91.2,733.1\n";
+    let instrument = export("Name", 12, |i| format!("Point {i}")) + more;
+    let (code, detail) = refusal(&robot, &instrument, "");
+    assert_eq!(code, "join_unclear");
+    assert!(
+        detail.contains("{\"join\": {\"by\": \"number\"}}"),
+        "{detail}"
+    );
+    let body = form(robot.as_bytes(), instrument.as_bytes());
+    let (set, reading) = read(&body, "{\"join\": {\"by\": \"number\"}}").unwrap();
+    assert_eq!(set.points.len(), 12);
+    assert!(
+        set.points
+            .iter()
+            .all(|p| (10.0 * p.q_rad[0].to_degrees() - p.position_mm.x).abs() < 1e-4)
+    );
+    let json = serde_json::to_string(&reading).unwrap();
+    let again = from_upload(BOUNDARY, Some(&json), &body, Frame::Base, 6).unwrap();
+    assert!(again == set);
+    let left = reading.unwrap().joined.unwrap().join.leftover_instrument;
+    let labels: Vec<&str> = left.rows.iter().map(|row| row.label.as_str()).collect();
+    assert_eq!(labels, ["DRIFT_1", "HOME", "Point 40", "Point 41"]);
+    // more rows than the robot's file: by order the refusal says what to state
+    let (_, detail) = refusal(&robot, &instrument, "{\"join\": {\"by\": \"order\"}}");
+    assert!(detail.contains("by a column that both have"), "{detail}");
+}

@@ -8,6 +8,8 @@ use nalgebra::Vector3;
 pub struct PointErrors {
     /// Its configuration.
     pub configuration: String,
+    /// Its name in the file, if it has one.
+    pub name: Option<String>,
     /// Its target.
     pub target: usize,
     /// Its subset.
@@ -32,6 +34,11 @@ pub struct PointErrors {
 }
 
 impl PointErrors {
+    /// What it is called in texts: its name, or else its configuration.
+    pub fn shown(&self) -> &str {
+        self.name.as_deref().unwrap_or(&self.configuration)
+    }
+
     /// True if corrections change its residual.
     pub fn is_corrected(&self) -> bool {
         let corrected = self.corrected_vector_mm;

@@ -418,6 +418,9 @@ pub struct Repeatability {
 pub struct PoseRepeatability {
     /// Its configuration.
     pub configuration: String,
+    /// Name of its first point in the file; absent if the file names no points.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
     /// Its target.
     pub target: usize,
     /// Number of visits.

@@ -86,6 +86,12 @@ impl PositionNoise {
         self.std_mm.max() - self.std_mm.min() <= EQUAL_SHARE * self.std_mm.max()
     }
 
+    /// The covariance, mm².
+    pub fn covariance_mm2(&self) -> Matrix3<f64> {
+        let variances = self.std_mm.component_mul(&self.std_mm);
+        self.axes * Matrix3::from_diagonal(&variances) * self.axes.transpose()
+    }
+
     /// Whitening matrix W for this noise plus an independent isotropic part with standard deviation s = `beside_mm`. All rows of W · residual have
     /// the same variance, [`Self::rms_mm`]² + s². Row k is along axis k. Wᵀ·W is this variance times the inverse of the covariance.
     pub fn whitening(&self, beside_mm: f64) -> Matrix3<f64> {

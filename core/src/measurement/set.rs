@@ -15,6 +15,10 @@ pub struct Point {
     /// Label of the arm configuration. Points of one configuration have the same label and are never split between identify and verify. Parsers fill
     /// it for every point; without a column, points with equal joint values get the same label.
     pub configuration: String,
+    /// Its name in the file, if the file names its points. It is only shown: what belongs together is decided by the configuration.
+    pub name: Option<String>,
+    /// The line of the file on which it stands, counted from 1; with two files, that of the instrument's file.
+    pub line: Option<usize>,
     /// Number of the reflector on the tool, 0-based.
     pub target: usize,
     /// Name of the reflector, if the set has names. Sessions that are fitted together share the targets of the same name.
@@ -66,6 +70,8 @@ impl Point {
             q_rad: vec![0.0; n_joints],
             position_mm: Vector3::zeros(),
             configuration: String::new(),
+            name: None,
+            line: None,
             target: 0,
             target_name: None,
             subset: None,
@@ -86,6 +92,11 @@ impl Point {
 }
 
 impl Point {
+    /// What it is called in texts: its name, or else the label of its configuration.
+    pub fn shown(&self) -> &str {
+        self.name.as_deref().unwrap_or(&self.configuration)
+    }
+
     /// Standard uncertainty of one coordinate of the position, mm. For anisotropic noise: root mean square over the three axes.
     pub fn position_std_mm(&self) -> Option<f64> {
         self.std_mm

@@ -644,7 +644,11 @@ fn an_upload_of_an_earlier_version_is_read_as_it_was() {
         "line 5 has a quote",
     );
     let plain = with_remarks(|_| vec![String::new()]).text();
-    let (set, reading) = read(plain.as_bytes(), "").unwrap();
+    let (mut set, reading) = read(plain.as_bytes(), "").unwrap();
+    // the cell with a line break moves the rows below it
+    for point in &mut set.points[4..] {
+        point.line = point.line.map(|line| line + 1);
+    }
     is_read_again("stored", table.text().as_bytes(), &set, &reading.unwrap());
 }
 

@@ -95,7 +95,35 @@ async fn two_files_without_units_lead_to_a_released_set() {
     let params: Value =
         serde_json::from_str(&out(&["params", "--robot", "Cell 4", "--json"]).await).unwrap();
     let set = text(&params["items"][0]["id"]).to_owned();
-    out(&["release", &set, "--reason", "it fits"]).await;
+    // the robot's only candidate goes by the robot's name
+    assert!(out(&["gates", "Cell 4"]).await.contains("passed"));
+    out(&["release", "Cell 4", "--reason", "it fits"]).await;
+    // a tool is typed in the angles that its controller shows; they are those of W P R in reverse order
+    let tool = ["tools", "set", "Cell 4"];
+    let mm = ["--mm", "0,0,120", "--json"];
+    let kuka = [&tool[..], &["kuka", "--abc-deg", "10,20,-30"], &mm].concat();
+    let fanuc = [&tool[..], &["fanuc", "--wpr-deg", "-30,20,10"], &mm].concat();
+    let rotation = |shown: String| -> Vec<f64> {
+        let tool: Value = serde_json::from_str(&shown).unwrap();
+        let rows = tool["t_flange_tool"]["rotation"].as_array().unwrap();
+        let cells = rows.iter().flat_map(|row| row.as_array().unwrap());
+        cells.map(|cell| cell.as_f64().unwrap()).collect()
+    };
+    let (kuka, fanuc) = (rotation(out(&kuka).await), rotation(out(&fanuc).await));
+    for (a, b) in kuka.iter().zip(&fanuc) {
+        assert!((a - b).abs() < 1e-12, "{kuka:?} {fanuc:?}");
+    }
+    assert!(kuka[1].abs() > 0.1, "{kuka:?}");
+    let exported = out(&["export", "Cell 4"]).await;
+    assert!(exported.contains(&set), "{exported}");
+    let measured = out(&["sets", "--robot", "Cell 4", "--json"]).await;
+    let measured: Value = serde_json::from_str(&measured).unwrap();
+    let measured = text(&measured["items"][0]["id"]).to_owned();
+    let table = out(&["sets", &measured, "--points", "--csv"]).await;
+    assert!(
+        table.starts_with("line,name,") && table.contains("\n3,P1,"),
+        "{table}"
+    );
 
     // options stand before or behind joint values, which have commas or spaces
     let before = out(&["predict", "--target", "0", &set, "-10,-20,30,0,45,0"]).await;

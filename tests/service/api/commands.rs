@@ -171,6 +171,11 @@ async fn from_the_upload_to_the_rollback_every_command_answers_as_json() {
     assert_eq!(json(&set).await["tolerance_mm"], Value::Null);
 
     assert_eq!(json(&["gates", &first]).await["releasable"], true);
+    let (code, _, stderr) = run_against(&app, key, &["gates", &robot]).await;
+    assert!(
+        code == Some(2) && stderr.contains("name one of them") && stderr.contains(&second),
+        "{stderr}"
+    );
     for id in [&first, &second] {
         json(&[
             "release",
@@ -197,6 +202,14 @@ async fn from_the_upload_to_the_rollback_every_command_answers_as_json() {
     assert!(
         line.contains(&first) && line.contains("withdrawn"),
         "{line}"
+    );
+    // a robot stands for its released set, and for its candidate if it has one only
+    let named = json(&["export", &robot]).await;
+    assert_eq!(named["parameter_set_id"], first.as_str());
+    let (code, _, stderr) = run_against(&app, key, &["gates", &robot]).await;
+    assert!(
+        code == Some(2) && stderr.contains("has no candidate"),
+        "{stderr}"
     );
     let exported = json(&["export", &first]).await;
     assert_eq!(exported["parameter_set_id"], first.as_str());

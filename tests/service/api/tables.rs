@@ -318,3 +318,101 @@ fn the_command_line_takes_mappings_two_files_and_the_standard_input() {
         "{told}"
     );
 }
+
+/// The paper's set as a robot's log and an instrument's export whose names agree by their numbers; the position in one row is 4 mm off.
+fn log_and_export(stray: Option<usize>) -> String {
+    let mut log = "point,J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg]\n".to_owned();
+    let mut export = "// tracker\npoint;X [mm];Y [mm];Z [mm]\n".to_owned();
+    for (i, row) in rows().iter().enumerate() {
+        let off_mm = if stray == Some(i) { 4.0 } else { 0.0 };
+        let x_mm = row[8].parse::<f64>().unwrap() + off_mm;
+        log += &format!("P{i},{}\n", row[2..8].join(","));
+        export += &format!("p_{i:03};{x_mm};{}\n", row[9..].join(";"));
+    }
+    format!(
+        "--x\r\nContent-Disposition: form-data; name=\"robot\"\r\n\r\n{log}\r\n--x\r\nContent-Disposition: form-data; \
+         name=\"instrument\"\r\n\r\n{export}\r\n--x--\r\n"
+    )
+}
+
+#[tokio::test]
+async fn the_points_of_two_files_are_one_table_that_says_their_names() {
+    let app = TestApp::with_workers(1).await;
+    let robot = app.paper_robot().await;
+    let sets = format!("{robot}/measurement-sets?frame=base");
+    let set = post_form(&app, &sets, &log_and_export(None)).await.ok(201);
+    let points = format!(
+        "/v1/measurement-sets/{}/points?format=csv",
+        text(&set["id"])
+    );
+    let table = app.get(&points).await;
+    assert_eq!(
+        table.header("content-type"),
+        Some("text/csv; charset=utf-8")
+    );
+    let table = String::from_utf8(table.bytes).unwrap();
+    let lines: Vec<&str> = table.lines().collect();
+    assert_eq!(
+        lines[0],
+        "line,name,configuration,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm"
+    );
+    assert_eq!(lines.len(), 101);
+    // the joint values are the digits of the robot's file, and the line is that of the instrument's
+    let first = &rows()[0];
+    let number = |cell: &str| cell.parse::<f64>().unwrap().to_string();
+    let joints: Vec<String> = first[2..8].iter().map(|cell| number(cell)).collect();
+    let start = format!("3,P0,row_0,{},", joints.join(","));
+    assert!(lines[1].starts_with(&start), "{} is not {start}", lines[1]);
+    // uploaded as one file, it is the same measurement
+    let again = app.post(&sets, "text/csv", table).await.ok(201);
+    let id = text(&again["id"]);
+    let found = outcome(&app, &robot, id).await;
+    assert_eq!(found, outcome(&app, &robot, text(&set["id"])).await);
+    assert_eq!(found, plain_outcome(&app, &robot).await);
+    app.get(&points.replace("csv", "xml"))
+        .await
+        .problem(400, "invalid_query");
+
+    // reports and warnings name the point as the files do
+    let stray = log_and_export(Some(17));
+    let set = post_form(&app, &sets, &stray).await.ok(201);
+    let request = json!({"measurement_set_id": set["id"], "method": "least_squares"});
+    let job = app.run(&robot, &request).await;
+    let report = app.report(&job).await;
+    assert_eq!(report["per_point"][17]["name"], "P17");
+    assert_eq!(report["per_point"][17]["configuration"], "row_17");
+    let warnings = report["warnings"].as_array().unwrap();
+    let outliers = warnings.iter().find(|w| w["code"] == "outliers").unwrap();
+    assert_eq!(outliers["points"], json!(["P17"]), "{outliers}");
+    let page = format!("/v1/jobs/{}/report.html", text(&job["id"]));
+    let page = String::from_utf8(app.get(&page).await.bytes).unwrap();
+    assert!(page.contains("(P17)"), "{page}");
+}
+
+#[tokio::test]
+async fn a_file_that_is_uploaded_once_more_is_told_so() {
+    let app = TestApp::with_workers(0).await;
+    let robot = app.paper_robot().await;
+    let sets = format!("{robot}/measurement-sets?frame=base&name=first");
+    let codes = |set: &Value| -> Vec<String> {
+        let warnings = set["warnings"].as_array().unwrap().iter();
+        warnings.map(|w| text(&w["code"]).to_owned()).collect()
+    };
+    let two = log_and_export(None);
+    let forms = [(FORM, two), ("text/csv", plain())];
+    for (content_type, body) in forms {
+        let upload = async |path: &str| {
+            let request = app.request(Method::POST, path);
+            let key = canonical::sha256_hex(path.as_bytes()) + content_type;
+            let request = request
+                .header("content-type", content_type)
+                .header("idempotency-key", &key[40..80.min(key.len())]);
+            Answer::of(request.body(body.clone())).await.ok(201)
+        };
+        assert_eq!(codes(&upload(&sets).await), Vec::<String>::new());
+        let again = upload(&sets.replace("first", "second")).await;
+        assert_eq!(codes(&again), ["same_file_again"]);
+        let detail = text(&again["warnings"][0]["detail"]);
+        assert!(detail.contains("\"first\""), "{detail}");
+    }
+}

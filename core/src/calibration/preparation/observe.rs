@@ -28,6 +28,8 @@ pub struct Observed {
     pub subsets: Vec<Subset>,
     /// One per point.
     pub configurations: Vec<String>,
+    /// Name of each point that has one in its file.
+    pub names: Vec<Option<String>>,
     /// Target of each point as numbered in the file. The fit numbers targets differently if a target moved.
     pub targets: Vec<usize>,
     /// Measured position of each point, mm, before any transform by the fit.
@@ -49,6 +51,7 @@ impl Observed {
         Self {
             subsets,
             configurations: set.points.iter().map(|p| p.configuration.clone()).collect(),
+            names: set.points.iter().map(|p| p.name.clone()).collect(),
             targets: all.iter().map(|o| o.target).collect(),
             positions_mm: all.iter().map(|o| o.position_mm).collect(),
             rotations: all.iter().map(|o| Some(o.rotation?.rotation)).collect(),

@@ -97,8 +97,11 @@ fn duplicates(set: &MeasurementSet) -> Option<Warning> {
         .map(|(row, _)| row)
         .collect();
     let detail = format!(
-        "{} rows repeat the joint values of an earlier row; they tell about repeatability, not about the robot's geometry",
-        rows.len()
+        "{} the joint values of an earlier row; that tells about repeatability, not about the robot's geometry",
+        match rows.len() {
+            1 => "1 row repeats".to_owned(),
+            n => format!("{n} rows repeat"),
+        }
     );
     (!rows.is_empty()).then_some(Warning {
         code: "duplicate_poses",
@@ -165,8 +168,11 @@ fn outside_limits(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
         .collect();
     let &(row, joint) = outside.first()?;
     let detail = format!(
-        "{} rows lie outside the joint limits, first row {row}: joint {} at {:.3}°; degrees and radians mixed up?",
-        outside.len(),
+        "{} outside the joint limits, first row {row}: joint {} at {:.3}°; degrees and radians mixed up?",
+        match outside.len() {
+            1 => "1 row lies".to_owned(),
+            n => format!("{n} rows lie"),
+        },
         joint + 1,
         set.points[row].q_rad[joint].to_degrees()
     );

@@ -153,6 +153,7 @@ pub fn per_point(
     (0..observed.all.len())
         .map(|i| PointErrors {
             configuration: observed.configurations[i].clone(),
+            name: observed.names[i].clone(),
             target: observed.targets[i],
             subset: observed.subsets[i],
             before_mm: before[i].norm(),

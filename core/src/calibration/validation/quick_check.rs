@@ -28,6 +28,7 @@ use crate::identification::statistics::quick_check::{
     Causes, Checked, Detectable, LEVEL, POWER, Poses, Untestable, quick_check,
 };
 use crate::kinematics::reach_mm;
+use crate::measurement::Point;
 use std::cmp::Ordering;
 
 /// Minimum number of configurations of a check.
@@ -284,7 +285,6 @@ fn judged(
         (CheckVerdict::Changed, Some(checked)) => likeliest(checked, released.after),
         _ => vec![],
     };
-    let configurations = request.set.configurations();
     let n_configurations = request.set.n_distinct_configurations();
     let found = Found {
         verdict,
@@ -303,8 +303,10 @@ fn judged(
         largest_configuration: checked.and_then(|checked| {
             let numbers = request.set.distinct_configurations();
             let outstanding = checked.largest_configuration?;
-            let is_outstanding = |label: &&&str| numbers[**label] == outstanding;
-            configurations.iter().find(is_outstanding).copied()
+            let is_outstanding =
+                |point: &&Point| numbers[point.configuration.as_str()] == outstanding;
+            let found = request.set.points.iter().find(is_outstanding);
+            found.map(Point::shown)
         }),
         n_links: request.robot.links.len(),
         n_targets: request.set.n_targets(),

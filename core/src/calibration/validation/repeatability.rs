@@ -65,6 +65,7 @@ pub fn repeatability(
         };
         PoseRepeatability {
             configuration: problem.observed.configurations[rows[0]].clone(),
+            name: problem.observed.names[rows[0]].clone(),
             target: problem.observed.targets[rows[0]],
             n: rows.len(),
             rows: rows.clone(),

@@ -203,7 +203,7 @@ pub fn fitted_as_well_as_can_be(
 /// during the session.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FarRun {
-    /// Label of the first configuration.
+    /// Name of the first point, or the label of its configuration.
     pub first: String,
     /// Number of configurations.
     pub n_configurations: usize,
@@ -237,7 +237,7 @@ pub fn far_run(
         let labels = rows.iter().map(|row| points[*row].configuration.as_str());
         let squares: f64 = rows.iter().map(|row| error_mm(row) * error_mm(row)).sum();
         FarRun {
-            first: points[rows[0]].configuration.clone(),
+            first: points[rows[0]].shown().to_owned(),
             n_configurations: labels.collect::<BTreeSet<_>>().len(),
             rms_mm: (squares / rows.len() as f64).sqrt(),
             rows: rows.to_vec(),

@@ -89,10 +89,7 @@ pub fn extrapolated(
 
 /// The warnings of a separate verification set, marked as such.
 pub fn of_the_verify_set(warnings: Vec<Warning>) -> impl Iterator<Item = Warning> {
-    warnings.into_iter().map(|w| Warning {
-        detail: format!("in the verify set: {}", w.detail),
-        ..w
-    })
+    warnings.into_iter().map(Warning::of_the_verify_set)
 }
 
 /// The segment for which the delivered base is valid, as text; `None` if the base did not move.

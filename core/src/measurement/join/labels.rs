@@ -59,6 +59,27 @@ pub fn only_number(label: &str) -> Option<String> {
     Some(if plain.is_empty() { "0" } else { plain }.to_owned())
 }
 
+/// The numbers in names, for a caller who says that they pair the rows. Names that are called otherwise than most, and names without a number or with several,
+/// have none: of `P1`, `P2` and `DRIFT_1` the last.
+pub fn numbers_of(labels: &[String]) -> Vec<String> {
+    let word = |label: &String| -> String {
+        let last = last_part(label);
+        last.chars().filter(|c| c.is_alphabetic()).collect()
+    };
+    let numbers: Vec<Option<String>> = labels.iter().map(|label| only_number(label)).collect();
+    let mut n_called: BTreeMap<String, usize> = BTreeMap::new();
+    for (label, number) in labels.iter().zip(&numbers) {
+        *n_called.entry(word(label)).or_default() += usize::from(number.is_some());
+    }
+    let usual = n_called.into_iter().max_by_key(|(_, n)| *n);
+    let usual = usual.map_or(String::new(), |(word, _)| word);
+    let own = |(label, number): (&String, Option<String>)| match word(label) == usual {
+        true => number.unwrap_or_default(),
+        false => String::new(),
+    };
+    labels.iter().zip(numbers).map(own).collect()
+}
+
 /// Whether each name has one number, and different names have different numbers.
 pub fn are_numbered(labels: &[String]) -> bool {
     let mut names: BTreeMap<String, String> = BTreeMap::new();
@@ -72,7 +93,7 @@ pub fn are_numbered(labels: &[String]) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::{are_numbered, only_number, signs_aside};
+    use super::{are_numbered, numbers_of, only_number, signs_aside};
 
     #[test]
     fn names_are_compared_in_several_forms() {
@@ -92,5 +113,15 @@ mod tests {
         assert!(are_numbered(&labels(&["P1", "P2", "P1"])));
         assert!(!are_numbered(&labels(&["P1", "T1"])));
         assert!(!are_numbered(&labels(&["P1", "HOME"])));
+        assert_eq!(
+            numbers_of(&labels(&[
+                "Point 01",
+                "Point 2",
+                "DRIFT_1",
+                "HOME",
+                "Point 1_2"
+            ])),
+            ["1", "2", "", "", ""]
+        );
     }
 }

@@ -4,7 +4,7 @@
 use crate::measurement::columns::meaning::key;
 use crate::measurement::columns::names::Key;
 use crate::measurement::join::labels::{
-    are_numbered, exact, last_part, lower, number, only_number, signs_aside,
+    are_numbered, exact, last_part, lower, number, numbers_of, only_number, signs_aside,
 };
 use crate::measurement::join::options::{Pairs, error};
 use crate::measurement::join::time::{Clock, MAX_APART, by_time, extent_mm, times};
@@ -140,7 +140,7 @@ pub fn join(
     if options.refuse_apart && matches!(best.by, JoinBy::Name | JoinBy::Number) {
         refuse_apart(instrument, best)?;
     }
-    let joined = points(robot, instrument, &best.pairs);
+    let joined = points(robot, instrument, best);
     if options.refuse_apart {
         refuse_again(&joined, instrument, best)?;
     }
@@ -170,12 +170,17 @@ fn refuse_again(
     Err(error("rows_twice", detail))
 }
 
-fn points(robot: &Content, instrument: &Content, pairs: &Pairs) -> Vec<Point> {
-    let paired = instrument.points.iter().zip(pairs);
+/// The pairs as points. Their name is that of the posture in the robot's file; where that has no names, the instrument's, or the number.
+fn points(robot: &Content, instrument: &Content, pairing: &Pairing) -> Vec<Point> {
+    let numbers = cells(robot, JoinBy::Number).filter(|_| pairing.by == JoinBy::Number);
+    let paired = instrument.points.iter().zip(&pairing.pairs);
     paired
         .filter_map(|(point, pair)| {
+            let posture = &robot.points[(*pair)?];
+            let name = posture.name.as_ref().or(point.name.as_ref());
             Some(Point {
-                q_rad: robot.points[(*pair)?].q_rad.clone(),
+                q_rad: posture.q_rad.clone(),
+                name: name.or_else(|| numbers?.1.get((*pair)?)).cloned(),
                 ..point.clone()
             })
         })
@@ -210,7 +215,8 @@ fn nothing_pairs(robot: &Content, instrument: &Content) -> JoinError {
         format!(
             "nothing pairs the rows of the two files: both need a column with the points' names, numbers or times that agree{seen}. Name them \
              in the column mapping: {{\"robot\": {{\"name\": \"COLUMN\"}}, \"instrument\": {{\"name\": \"COLUMN\"}}}}. If row belongs to row, say so \
-             in the column mapping: {{\"join\": {{\"by\": \"order\"}}}}"
+             in the column mapping: {{\"join\": {{\"by\": \"order\"}}}}. If the numbers in the names say it, say so in the column mapping: \
+             {{\"join\": {{\"by\": \"number\"}}}}; names that are called otherwise than most are then left over"
         ),
     )
 }
@@ -230,9 +236,7 @@ fn refuse_apart(instrument: &Content, pairing: &Pairing) -> Result<(), JoinError
             .or_insert(row);
         let apart_mm = (position(row) - position(known)).norm();
         if apart_mm > limit_mm {
-            let labels =
-                cells(instrument, pairing.by).or_else(|| cells(instrument, JoinBy::Number));
-            let label = labels.map_or("", |(_, cells)| cells[row].as_str());
+            let label = label(instrument, pairing.by, row);
             let detail = format!(
                 "{label:?} is in lines {} and {} of the instrument's file, with positions {apart_mm:.3} mm apart: that is no repetition. Give each point its \
                  own name and remove what belongs to no posture of the robot, or say by a column target or station which reflector or set-up it was",
@@ -258,6 +262,13 @@ fn cells(content: &Content, by: JoinBy) -> Option<(&str, &[String])> {
     Some((&column.0, &column.1))
 }
 
+/// What a row is called: its cell in the column by which rows are paired, or its name or number.
+fn label(content: &Content, by: JoinBy, row: usize) -> &str {
+    let columns = [by, JoinBy::Name, JoinBy::Number].into_iter();
+    let column = columns.filter_map(|by| cells(content, by)).next();
+    column.map_or("", |(_, cells)| cells[row].as_str())
+}
+
 fn pair(
     robot: &Content,
     instrument: &Content,
@@ -278,7 +289,9 @@ fn pair(
         let (a, b) = (n_robot, instrument.points.len());
         if a != b {
             let detail = format!(
-                "the robot's file has {a} rows and the instrument's {b}: by order they do not pair"
+                "the robot's file has {a} rows and the instrument's {b}: by order they do not pair. Remove the rows that belong to no row of the other \
+                 file, or pair by a column that both have, in the column mapping: {{\"join\": {{\"by\": \"number\"}}}} (or name, or time): rows without a partner \
+                 are then left over"
             );
             return Err(error("join_unclear", detail));
         }
@@ -287,6 +300,10 @@ fn pair(
     let of_name = |content| match by {
         JoinBy::Name if options.loose_names => {
             cells(content, by).or_else(|| cells(content, JoinBy::Number))
+        }
+        // whoever says number may mean those in the names
+        JoinBy::Number if options.by.is_some() => {
+            cells(content, by).or_else(|| cells(content, JoinBy::Name))
         }
         _ => cells(content, by),
     };
@@ -320,7 +337,14 @@ fn pair(
                 n_robot,
             }))
         }
-        JoinBy::Number => plain(by_label(robot, ours, theirs, &[number])?),
+        JoinBy::Number => {
+            let numbers = |content, labels: &[String]| match cells(content, by) {
+                Some(_) => labels.to_vec(),
+                None => numbers_of(labels),
+            };
+            let (ours, theirs) = (numbers(robot, ours), numbers(instrument, theirs));
+            plain(by_label(robot, &ours, &theirs, &[number])?)
+        }
         _ => {
             let strict = by_label(robot, ours, theirs, &[exact, lower, last_part])?;
             let count = |pairs: &Pairs| pairs.iter().flatten().count();
@@ -419,13 +443,6 @@ fn paired_as(
 
 fn summary(robot: &Content, instrument: &Content, pairing: &Pairing) -> Join {
     let taken: BTreeSet<usize> = pairing.pairs.iter().flatten().copied().collect();
-    let label = |content: &Content, row: usize| {
-        let cells = cells(content, pairing.by).map(|(_, cells)| cells);
-        cells
-            .and_then(|cells| cells.get(row))
-            .cloned()
-            .unwrap_or_default()
-    };
     let is_leftover = |row: &usize| match &pairing.clock {
         // A log has many rows for one standstill, and rows in which the robot moves. Only the row that represents a standstill can be a leftover.
         Some(clock) => clock.standstills.contains(row) && !taken.contains(row),
@@ -433,7 +450,7 @@ fn summary(robot: &Content, instrument: &Content, pairing: &Pairing) -> Join {
     };
     let leftover = |content: &Content, row: usize| Leftover {
         line: content.lines[row],
-        label: label(content, row),
+        label: label(content, pairing.by, row).to_owned(),
     };
     let without = pairing.pairs.iter().enumerate().filter(|(row, pair)| {
         let stands = pairing

@@ -17,6 +17,9 @@ use crate::measurement::table::decimal_mark::decimal_mark;
 use crate::measurement::table::rows::{Layout, Rows};
 use crate::measurement::table::text::{Encoding, Source};
 
+/// Longest name of a point, characters; longer ones are cut.
+const MAX_NAME: usize = 100;
+
 /// How a file was interpreted: everything that is needed to read it again in the same way.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Understood {
@@ -125,8 +128,22 @@ pub fn read(source: Source, options: &TableOptions) -> Result<Content, ParseErro
     content.refused()?;
     understood.skipped_rows += content.n_skipped;
     understood.reflectors = content.reflectors;
+    let mut points = content.points;
+    for (point, line) in points.iter_mut().zip(&content.lines) {
+        point.line = Some(*line);
+    }
+    let names = content.keys.iter().find(|(means, _)| means == "name");
+    for (point, name) in points
+        .iter_mut()
+        .zip(names.map_or(&[][..], |(_, cells)| cells))
+    {
+        // it stands in one line of tables and texts
+        let plain = |c: char| if c.is_control() { ' ' } else { c };
+        let name: String = name.chars().take(MAX_NAME).map(plain).collect();
+        point.name = Some(name).filter(|name| !name.is_empty());
+    }
     Ok(Content {
-        points: content.points,
+        points,
         lines: content.lines,
         keys: content.keys,
         understood,
@@ -286,6 +303,7 @@ impl<'t> Parts<'t> {
     ) -> Understood {
         let is_used = |used: &&Used| {
             self.layout.places.contains(&used.place)
+                || used.means == "name"
                 || key(&used.means).is_some() && (options.needs != Needs::Points || used.is_mapped)
         };
         let used: Vec<Used> = columns.used.iter().filter(is_used).cloned().collect();
