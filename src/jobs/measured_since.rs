@@ -10,14 +10,14 @@ use crate::wire::measurement::MeasurementSet;
 use crate::wire::robot::Robot;
 
 /// An upload of the robot, and its points.
-struct Known<'a> {
+struct KnownPoints<'a> {
     upload: &'a KnownUpload,
     sha256: &'a str,
     points: &'a MeasurementSet,
 }
 
 /// An upload that the job fits or scores.
-struct Own<'a> {
+struct OwnPoints<'a> {
     id: &'a str,
     sha256: &'a str,
     uploaded_seq: i64,
@@ -25,7 +25,7 @@ struct Own<'a> {
 }
 
 /// Result of comparing one of the job's own uploads with the known uploads.
-struct Found {
+struct UploadAge {
     /// Number in the audit chain of the upload in which its points appeared first.
     measured_seq: i64,
     /// Whether this upload repeats an upload that it must not repeat, or is itself one of those: see [`measured_since`].
@@ -44,12 +44,12 @@ pub(super) fn measured_since(inputs: &JobInputs, request: &CalibrationRequest) -
         Some((upload, input.row.sha256.as_str(), points))
     });
     let parsed: Vec<(&KnownUpload, &str, MeasurementSet)> = parsed.collect();
-    let known_uploads = parsed.iter().map(|(upload, sha256, points)| Known {
+    let known_uploads = parsed.iter().map(|(upload, sha256, points)| KnownPoints {
         upload,
         sha256,
         points,
     });
-    let known_uploads: Vec<Known<'_>> = known_uploads.collect();
+    let known_uploads: Vec<KnownPoints<'_>> = known_uploads.collect();
     let mut since = MeasuredSince {
         check_seq: known.check_seq,
         is_repeat: known.is_own_used || (known.is_undecided && !is_check),
@@ -61,7 +61,7 @@ pub(super) fn measured_since(inputs: &JobInputs, request: &CalibrationRequest) -
         .zip(request.uploads())
         .zip(&known.own_seq);
     for ((input, points), uploaded_seq) in own {
-        let own = Own {
+        let own = OwnPoints {
             id: &input.row.id,
             sha256: &input.row.sha256,
             uploaded_seq: *uploaded_seq,
@@ -74,28 +74,33 @@ pub(super) fn measured_since(inputs: &JobInputs, request: &CalibrationRequest) -
     since
 }
 
-fn compare(robot: &Robot, own: &Own<'_>, known: &[Known<'_>], is_check: bool) -> Found {
-    let is_itself = |other: &Known<'_>| other.upload.id == own.id;
-    let is_earlier = |other: &Known<'_>| other.upload.uploaded_seq < own.uploaded_seq;
-    let must_not_repeat = |other: &Known<'_>| match is_check {
+fn compare(
+    robot: &Robot,
+    own: &OwnPoints<'_>,
+    known: &[KnownPoints<'_>],
+    is_check: bool,
+) -> UploadAge {
+    let is_itself = |other: &KnownPoints<'_>| other.upload.id == own.id;
+    let is_earlier = |other: &KnownPoints<'_>| other.upload.uploaded_seq < own.uploaded_seq;
+    let must_not_repeat = |other: &KnownPoints<'_>| match is_check {
         true => is_earlier(other),
         false => other.upload.is_before_check,
     };
-    let others: Vec<&Known<'_>> = known
+    let others: Vec<&KnownPoints<'_>> = known
         .iter()
         .filter(|other| !is_itself(other) && (is_earlier(other) || must_not_repeat(other)))
         .collect();
     let repeated = RepeatedRows::find(robot, others.iter().map(|other| other.points), own.points);
-    let indices = |counts: &dyn Fn(&Known<'_>) -> bool| -> Vec<usize> {
+    let indices = |counts: &dyn Fn(&KnownPoints<'_>) -> bool| -> Vec<usize> {
         (0..others.len()).filter(|i| counts(others[*i])).collect()
     };
     let mut itself = known.iter().filter(|other| is_itself(other));
     // A file with the same bytes is a copy even if it has too few points to compare.
-    let has_same_bytes = |other: &Known<'_>| is_earlier(other) && other.sha256 == own.sha256;
+    let has_same_bytes = |other: &KnownPoints<'_>| is_earlier(other) && other.sha256 == own.sha256;
     let copied = indices(&has_same_bytes).into_iter();
     // The known uploads are sorted by age, so the smallest index is the oldest.
     let first = copied.chain(repeated.first(indices(&is_earlier))).min();
-    Found {
+    UploadAge {
         measured_seq: first.map_or(own.uploaded_seq, |i| others[i].upload.uploaded_seq),
         is_repeat: itself.any(must_not_repeat) || repeated.repeats(indices(&must_not_repeat)),
     }

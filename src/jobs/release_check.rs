@@ -120,7 +120,7 @@ struct GateInputs {
     approver: KeyHolder,
     /// Code of the suspicion that was overridden with `insist`, for an upload on which its held values or its residual network are based.
     insisted_source: Option<String>,
-    /// A withdrawn parameter set whose values this set holds, or which is equivalent to this set ([`says_the_same`]).
+    /// A withdrawn parameter set whose values this set holds, or which is equivalent to this set ([`equivalent_withdrawn_set`]).
     withdrawn_source: Option<WithdrawnSource>,
 }
 
@@ -190,7 +190,7 @@ pub async fn check(
                 points_seq.push(row.map_or(0, |row| row.points_seq));
             }
             let parsed = Arc::clone(&parsed);
-            let find = move || says_the_same(&parsed, &withdrawn, &points_seq);
+            let find = move || equivalent_withdrawn_set(&parsed, &withdrawn, &points_seq);
             blocking::run(permit, find).await??
         }
     };
@@ -254,7 +254,7 @@ const SAME_TOOL: f64 = 0.1;
 
 /// Id of the withdrawn set that is equivalent to this one, if there is one: it has the same values, or it was identified from the same
 /// points and places the tool equally. `points_seq` has the age of the points of each withdrawn set.
-fn says_the_same(
+fn equivalent_withdrawn_set(
     parsed: &ParsedEvidence,
     withdrawn: &[WithdrawnSet],
     points_seq: &[i64],

@@ -1,6 +1,6 @@
 //! The facts that the gates read.
 
-use crate::calibration::times_worse;
+use crate::calibration::error_ratio;
 use crate::kinematics::Robot;
 use crate::release::comparison::Comparison;
 use crate::release::sessions::{Session, UnscoredSession};
@@ -136,7 +136,7 @@ impl StoredFacts<'_> {
                 && session.is_independent()
                 && counts(session)
                 && (self.policy.tolerance_mm.is_some()
-                    || !session.verification.is_worse && self.times_worse(session).is_none())
+                    || !session.verification.is_worse && self.error_ratio(session).is_none())
         };
         match self.identification.evidence {
             _ if self.sessions.iter().any(is_independent) => Evidence::IndependentSession,
@@ -146,13 +146,13 @@ impl StoredFacts<'_> {
     }
 
     /// Ratio of the set's error on a session to its error on the points held out at the identification; `None` if the increase is
-    /// insignificant ([`times_worse`]). The policy's tolerance decides whether the error is still acceptable. Without a tolerance, such a
+    /// insignificant ([`error_ratio`]). The policy's tolerance decides whether the error is still acceptable. Without a tolerance, such a
     /// session supports nothing.
-    pub fn times_worse(&self, session: &Session) -> Option<f64> {
+    pub fn error_ratio(&self, session: &Session) -> Option<f64> {
         let identified_mm = self.identification.after_rms_mm;
         let identified_mm = identified_mm.filter(|_| self.identification.n_points > 0)?;
         let session_mm = session.verification.after_rms_mm?;
-        times_worse(session_mm, identified_mm, &self.robot.links)
+        error_ratio(session_mm, identified_mm, &self.robot.links)
     }
 
     /// The sessions that are evidence for or against the set. A session in which the set is far off counts until two conditions hold:

@@ -392,7 +392,7 @@ fn limits_of_sessions(facts: &StoredFacts<'_>) -> String {
         );
     }
     let misses =
-        |session: &&Session| session.verification.is_worse && facts.times_worse(session).is_none();
+        |session: &&Session| session.verification.is_worse && facts.error_ratio(session).is_none();
     if let Some(session) = fitting.clone().find(misses) {
         limits += &format!(
             ". On the session of job {} the set's errors are several times those of a robot fitted to that session alone ({}). Unless the policy's \
@@ -401,7 +401,7 @@ fn limits_of_sessions(facts: &StoredFacts<'_>) -> String {
             errors_in_words(&session.verification)
         );
     }
-    let worse = fitting.find_map(|session| Some((session, facts.times_worse(session)?)));
+    let worse = fitting.find_map(|session| Some((session, facts.error_ratio(session)?)));
     if let Some((session, times)) = worse {
         let by_tolerance = match facts.policy.tolerance_mm {
             Some(_) => "the tolerance decides whether that is good enough",

@@ -32,11 +32,11 @@ pub fn calibrate(
     request: &CalibrationRequest,
     monitor: &mut Monitor<'_>,
 ) -> Result<CalibrationReport, Error> {
-    calibrate_then(request, monitor, |report, _, _| Ok(report))
+    calibrate_with_problem(request, monitor, |report, _, _| Ok(report))
 }
 
 /// As [`calibrate`], and then calls `then` with the report and the problem that the delivered parameters were fitted to.
-pub fn calibrate_then<T>(
+pub fn calibrate_with_problem<T>(
     request: &CalibrationRequest,
     monitor: &mut Monitor<'_>,
     then: impl FnOnce(CalibrationReport, &Problem<'_>, &mut Monitor<'_>) -> Result<T, Error>,
@@ -103,7 +103,7 @@ fn calibrate_points<'a>(
         })?;
         found.model = refined.model;
     }
-    found.model.links = unwound(found.model.links, &problem.nominal.links);
+    found.model.links = with_angles_near_nominal(found.model.links, &problem.nominal.links);
     let too_small = larger_model::warning(&problem, &found.model, &mut quiet(monitor))?;
     let are_wanted = corrections::are_wanted(request.corrections, request.preset);
     let corrections = match are_wanted && problem.priors.is_none() {
@@ -183,7 +183,7 @@ fn calibrate_points<'a>(
 }
 
 /// The same links with each angle within half a turn of its nominal value. A fit from a distant start may be off by whole turns.
-fn unwound(mut links: Vec<Link>, nominal: &[Link]) -> Vec<Link> {
+fn with_angles_near_nominal(mut links: Vec<Link>, nominal: &[Link]) -> Vec<Link> {
     for (link, nominal) in links.iter_mut().zip(nominal) {
         for quantity in [Quantity::Alpha, Quantity::ThetaOffset, Quantity::Beta] {
             let expected = *quantity_mut(&mut nominal.clone(), quantity);

@@ -37,7 +37,7 @@ pub use validation::fit::Fit;
 pub use validation::quick_check::{ReleasedSet, check_quick_check, check_released};
 pub use validation::repeated_rows::{RepeatedRows, is_anew, repeats};
 pub use validation::robust_comparison::{RobustComparison, after_errors_mm, robust_comparison};
-pub use validation::session_fit::{HeldOut, MIN_REFERENCE_PER_REACH, session_fit, times_worse};
+pub use validation::session_fit::{HeldOut, MIN_REFERENCE_PER_REACH, error_ratio, session_fit};
 pub use validation::verdict::{MISSES_SESSION, NO_BETTER, SET_FAR_OFF, WORSE_THAN_IDENTIFIED};
 pub use validation::verification_set::{n_placed, n_placed_where};
 pub use validation::verify::{errors_mm, errors_on_verify_subset_mm, verify};

@@ -1,12 +1,12 @@
 //! Partial recalibration, for example after a collision. Only the named parameters are identified again. All others keep the values of an earlier
 //! identification, and their uncertainty is propagated to the named parameters and to the tool.
 
-use crate::calibration::calibrate::calibrate_then;
+use crate::calibration::calibrate::calibrate_with_problem;
 use crate::calibration::preparation::observe::{model_parameters, placed};
 use crate::calibration::problem::Problem;
 use crate::calibration::report::{CalibrationReport, FlangeRotation, NO_FIT, Warning};
 use crate::calibration::request::{CalibrationRequest, CorrectionsChoice, PreviousSession};
-use crate::calibration::session_comparison::{estimate, kept, list};
+use crate::calibration::session_comparison::{estimate, list, stored_estimate};
 use crate::calibration::solve::corrections;
 use crate::calibration::stages::{quiet, stage, watched};
 use crate::calibration::validation::verdict::NO_BETTER;
@@ -55,7 +55,7 @@ pub fn calibrate_partially(
         corrections: Some(CorrectionsChoice::Off),
         ..request.clone()
     };
-    calibrate_then(&from_held, monitor, |report, problem, monitor| {
+    calibrate_with_problem(&from_held, monitor, |report, problem, monitor| {
         finished(request, held, report, problem, monitor)
     })
 }
@@ -102,7 +102,7 @@ fn finished(
         let anew = estimate(&of_all_parameters, &mut quiet(monitor))?;
         let n_targets = held.session.set.n_targets();
         let all = model_parameters(&whole, n_targets);
-        let earlier = match kept(&held.session, &all) {
+        let earlier = match stored_estimate(&held.session, &all) {
             Some(kept) => Some(kept.clone()),
             None => estimate(&whole, &mut quiet(monitor))?,
         };
@@ -267,7 +267,7 @@ fn held_errors(
         weighted_jacobian(&model, parameters, &problem.identify, &at_fit)
     };
     let errors = earlier.uncertainty.root.select_rows(&at);
-    let directions = problem.decomposition.seen_directions();
+    let directions = problem.decomposition.observable_directions();
     let of_free = jacobian(&problem.parameters);
     let (q, r) = (&of_free * &directions).qr().unpack();
     let inverse = directions * r.try_inverse()? * q.transpose();

@@ -45,11 +45,11 @@ pub fn changes(
     let Some(previous) = &request.previous else {
         return Ok(None);
     };
-    let before = match kept(previous, &own.parameters) {
-        Some(kept) => Some(kept.clone()),
+    let before = match stored_estimate(previous, &own.parameters) {
+        Some(stored) => Some(stored.clone()),
         None => {
             let (set, frames) = (previous.set.clone(), previous.frames.clone());
-            estimate(&alike(request, set, frames), monitor)?
+            estimate(&request_for_session(request, set, frames), monitor)?
         }
     };
     let compared = before.and_then(|before| compare(&before, own));
@@ -57,7 +57,10 @@ pub fn changes(
 }
 
 /// The stored estimate of an earlier session, if its free link parameters are those of `parameters`.
-pub fn kept<'a>(previous: &'a PreviousSession, parameters: &[Parameter]) -> Option<&'a Estimate> {
+pub fn stored_estimate<'a>(
+    previous: &'a PreviousSession,
+    parameters: &[Parameter],
+) -> Option<&'a Estimate> {
     let of_links = |parameters: &[Parameter]| -> Vec<Parameter> {
         parameters
             .iter()
@@ -65,8 +68,8 @@ pub fn kept<'a>(previous: &'a PreviousSession, parameters: &[Parameter]) -> Opti
             .filter(Parameter::is_link)
             .collect()
     };
-    let kept = previous.estimate.as_ref()?;
-    (of_links(&kept.parameters) == of_links(parameters)).then_some(kept)
+    let stored = previous.estimate.as_ref()?;
+    (of_links(&stored.parameters) == of_links(parameters)).then_some(stored)
 }
 
 /// The estimate of the request's own session, without its priors and options.
@@ -75,11 +78,11 @@ pub fn estimate_of_request(
     monitor: &mut Monitor<'_>,
 ) -> Result<Option<Estimate>, Error> {
     let (set, frames) = (request.set.clone(), request.frames.clone());
-    estimate(&alike(request, set, frames), monitor)
+    estimate(&request_for_session(request, set, frames), monitor)
 }
 
 /// A request for a session of the same robot, with the same model and free parameters, and all other options at their defaults.
-fn alike(
+fn request_for_session(
     request: &CalibrationRequest,
     set: MeasurementSet,
     frames: Option<PreliminaryFrames>,

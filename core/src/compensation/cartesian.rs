@@ -41,7 +41,7 @@ impl Compensation<'_> {
     ) -> CorrectedPose {
         let t_flange_tool = self.t_flange_tool(tool);
         let nominal = Compensation::new(self.nominal, &self.nominal.links);
-        let solve = |q_rad: &[f64]| nominal.towards(q_rad, *t_base_tool, t_flange_tool, mode);
+        let solve = |q_rad: &[f64]| nominal.solve_towards(q_rad, *t_base_tool, t_flange_tool, mode);
         let mut nearest = search(q_near_rad, solve);
         if nearest.status == Status::Ok
             && apart_rad(&nearest.q_controller_rad, q_near_rad) > FAR_RAD
@@ -57,7 +57,7 @@ impl Compensation<'_> {
         let q_nominal_rad = nearest.q_controller_rad;
         CorrectedPose {
             is_far: apart_rad(&q_nominal_rad, q_near_rad) > FAR_RAD,
-            corrected: self.towards(&q_nominal_rad, *t_base_tool, t_flange_tool, mode),
+            corrected: self.solve_towards(&q_nominal_rad, *t_base_tool, t_flange_tool, mode),
             q_nominal_rad,
         }
     }

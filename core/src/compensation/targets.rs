@@ -91,7 +91,7 @@ struct Goal<'g> {
 }
 
 /// The tool's error at some joint values.
-struct Miss {
+struct PoseError {
     translation_mm: Vector3<f64>,
     rotation_rad: Vector3<f64>,
     reach_mm: f64,
@@ -192,11 +192,11 @@ impl<'a> Compensation<'a> {
     pub fn correct(&self, q_controller_rad: &[f64], tool: &Tool, mode: Mode) -> Corrected {
         let t_base_tool = self.t_nominal_tool(q_controller_rad, tool);
         let t_flange_tool = self.t_flange_tool(tool);
-        self.towards(q_controller_rad, t_base_tool, t_flange_tool, mode)
+        self.solve_towards(q_controller_rad, t_base_tool, t_flange_tool, mode)
     }
 
     /// The joint values near `q_rad` with which the robot has its tool at a pose in the anchored base frame.
-    pub(super) fn towards(
+    pub(super) fn solve_towards(
         &self,
         q_rad: &[f64],
         t_base_tool: IsometryMatrix3<f64>,
@@ -331,9 +331,9 @@ impl<'a> Compensation<'a> {
         self.nominal.q_model_rad(&q)
     }
 
-    fn miss(&self, goal: &Goal<'_>, change: &Joints) -> Miss {
+    fn miss(&self, goal: &Goal<'_>, change: &Joints) -> PoseError {
         let t = self.t_base_flange(&self.q_model_rad(goal, change)) * goal.t_flange_tool;
-        Miss {
+        PoseError {
             translation_mm: goal.t_base_tool.translation.vector - t.translation.vector,
             rotation_rad: rotation_log(&(goal.t_base_tool.rotation * t.rotation.inverse())),
             reach_mm: self.reach_mm,
@@ -384,7 +384,7 @@ impl<'a> Compensation<'a> {
     }
 }
 
-impl Miss {
+impl PoseError {
     fn weighted(&self, mode: Mode) -> Vector6<f64> {
         let (t, r) = (
             self.translation_mm / self.reach_mm,

@@ -118,12 +118,12 @@ async fn compare_summaries(check: &mut Check, store: &Store) -> Result<()> {
     let examine = |row: SummaryOfReport| {
         check.n_examined += 1;
         let expected = summary_json(&row.report_json).ok();
-        let says_the_same = expected.is_some_and(|expected| {
+        let is_same = expected.is_some_and(|expected| {
             let [expected, found] =
                 [&expected, &row.summary_json].map(|text| serde_json::from_str::<Value>(text));
             matches!((expected, found), (Ok(expected), Ok(found)) if expected == found)
         });
-        check.require(says_the_same, || {
+        check.require(is_same, || {
             format!("{}: its summary does not match its report", row.job_id)
         });
     };

@@ -4,7 +4,8 @@ use crate::calibration::Error;
 use crate::calibration::outcome::delivery::{as_delivered, corrected_as_delivered, delivered};
 use crate::calibration::outcome::parameters::{identifiability, parameters};
 use crate::calibration::outcome::stated_uncertainty::{
-    estimated, nothing_left, stated, why_it_says_nothing, why_not_stated, with_found_misfit,
+    estimated, no_redundancy_warning, stated, useless_uncertainty_reason, why_not_stated,
+    with_found_misfit,
 };
 use crate::calibration::preparation::equations::model_rank;
 use crate::calibration::preparation::observe::observe_verify_set;
@@ -302,7 +303,7 @@ pub fn report(
         None => why_not_stated(delivered_problem, estimated.as_ref())
             .or_else(|| is_unfinished.then(|| UNFINISHED.into()))
             .or_else(|| {
-                not_determined = why_it_says_nothing(delivered_problem, tool.as_ref()?);
+                not_determined = useless_uncertainty_reason(delivered_problem, tool.as_ref()?);
                 not_determined.clone()
             }),
     };
@@ -391,7 +392,9 @@ pub fn report(
         detail,
         rows: vec![],
     }));
-    report.warnings.extend(nothing_left(delivered_problem));
+    report
+        .warnings
+        .extend(no_redundancy_warning(delivered_problem));
     if fits {
         report.warnings.extend(unobservable::warning(
             delivered_problem,

@@ -123,7 +123,7 @@ pub fn with_found_misfit(of_links: ToolUncertainty, identify: &SubsetErrors) -> 
 }
 
 /// Why the tool's uncertainty is useless: the nominal robot, with base and targets fitted to the points, is closer than this uncertainty.
-pub fn why_it_says_nothing(problem: &Problem<'_>, tool: &ToolUncertainty) -> Option<String> {
+pub fn useless_uncertainty_reason(problem: &Problem<'_>, tool: &ToolUncertainty) -> Option<String> {
     let n_targets = problem.screening.targets.len();
     let points = counting(&problem.trusted());
     let links = &problem.request.robot.links;
@@ -149,7 +149,7 @@ pub fn stated(
 }
 
 /// Warning if there is no redundancy: the fit then follows every error of the points.
-pub fn nothing_left(problem: &Problem<'_>) -> Option<Warning> {
+pub fn no_redundancy_warning(problem: &Problem<'_>) -> Option<Warning> {
     let (equations, rank) = without_redundancy(problem)?;
     let detail = format!(
         "{equations} equations from distinct configurations to identify from fix {rank} combinations of parameters: the fit can follow any error \

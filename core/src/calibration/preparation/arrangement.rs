@@ -29,7 +29,7 @@ pub struct Arrangement {
     pub motions: Vec<IsometryMatrix3<f64>>,
     /// True if the last set-up is the reference, because it shows the current state. False if the base is known: it is then known for the
     /// first set-up, which is the reference.
-    pub rests_on_last: bool,
+    pub is_last_reference: bool,
     n_targets: usize,
 }
 
@@ -81,7 +81,7 @@ impl Arrangement {
             segments: vec![0; points.len()],
             setups,
             motions,
-            rests_on_last: request.model() == Model::Complete
+            is_last_reference: request.model() == Model::Complete
                 && request.set.frame == Frame::Instrument,
             n_targets: request.set.n_targets(),
         }
@@ -183,7 +183,7 @@ impl Arrangement {
 
     /// The reference set-up: the other set-ups are transformed into its frame.
     pub fn resting(&self) -> usize {
-        let point = if self.rests_on_last {
+        let point = if self.is_last_reference {
             self.order.last()
         } else {
             self.order.first()

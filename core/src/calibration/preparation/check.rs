@@ -205,7 +205,7 @@ fn check_stations(request: &CalibrationRequest, subsets: &[Subset]) -> Result<()
     if arrangement.motions.len() < 2 || n >= MIN_OF_REFERENCE {
         return Ok(());
     }
-    let (place, frame) = if arrangement.rests_on_last {
+    let (place, frame) = if arrangement.is_last_reference {
         ("last", "the instrument")
     } else {
         ("first", "the base")

@@ -68,7 +68,8 @@ pub fn derivatives(
     points: &[usize],
 ) -> DMatrix<f64> {
     let scale = prior_scales(parameters, reach_mm(&model.links, observations.iter()));
-    let directions = decomposition_at(model, parameters, &scale, observations).seen_directions();
+    let directions =
+        decomposition_at(model, parameters, &scale, observations).observable_directions();
     let seen = weighted_jacobian(model, parameters, observations, &Vector3::zeros()) * directions;
     let moving = moving(arrangement, points);
     let n_seen = seen.ncols();

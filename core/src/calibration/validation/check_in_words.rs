@@ -43,7 +43,7 @@ pub struct Found<'a> {
     /// Joints whose zeros do not show in these poses.
     pub hidden: &'a [&'a DetectableChange],
     /// Largest tool error that the poses may miss, relative to the error that matters. If it is 1 or more, the poses cannot decide.
-    pub times_blind: f64,
+    pub largest_missed_error_ratio: f64,
     /// Configurations that were measured.
     pub n_configurations: usize,
     /// The configuration that contributes most to the statistic, if one stands out.
@@ -220,7 +220,7 @@ fn cannot_tell(found: &Found<'_>) -> String {
         );
     }
     // The detectable change decreases with the square root of the number of poses.
-    let times = found.times_blind.max(1.0);
+    let times = found.largest_missed_error_ratio.max(1.0);
     let n = (found.n_configurations as f64 * times * times).ceil() as usize;
     let n = n.max(found.n_configurations + 1).div_ceil(STEP) * STEP;
     if n > MAX_CHECK_POSES {

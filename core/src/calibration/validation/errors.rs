@@ -5,7 +5,7 @@ use crate::calibration::preparation::observe::Observed;
 use crate::calibration::report::{Errors, RotationErrors, RotationErrorsOfBoth, SubsetErrors};
 use crate::identification::KinematicModel;
 use crate::identification::corrections::corrected::IdentifiedRobot;
-use crate::identification::model::objective::{Observation, left_at_lever, residuals};
+use crate::identification::model::objective::{Observation, residual_at_lever, residuals};
 use crate::identification::model::pose_rows::rotation_residual_rad;
 use crate::measurement::Subset;
 use nalgebra::{Rotation3, Vector3};
@@ -144,7 +144,7 @@ pub fn per_point(
             if robot.corrected.is_some() {
                 let o = &points[i];
                 let left = o.position_mm - robot.position(&o.q_rad, o.target);
-                left_at_lever(left, robot.rotation(&o.q_rad, o.target).as_ref(), o)
+                residual_at_lever(left, robot.rotation(&o.q_rad, o.target).as_ref(), o)
             } else {
                 after[i]
             }

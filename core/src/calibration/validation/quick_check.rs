@@ -11,7 +11,7 @@ use crate::calibration::report::{BASE_NOT_CHECKED, CalibrationReport, DOES_NOT_F
 use crate::calibration::request::{CalibrationRequest, Estimate};
 use crate::calibration::validation::check_in_words::{Found, ZERO_HIDDEN, reason, what_next};
 use crate::calibration::validation::enough_points::{check_verify, is_placed_anew};
-use crate::calibration::validation::session_fit::{least_worth_a_word_mm, times_worse};
+use crate::calibration::validation::session_fit::{error_ratio, smallest_reported_error_mm};
 use crate::calibration::validation::verdict::{
     MISSES_SESSION, NO_BETTER, SET_FAR_OFF, WORSE_THAN_IDENTIFIED,
 };
@@ -217,7 +217,7 @@ fn judged(
     let is_placed_anew = tested.as_ref().is_ok_and(|(_, anew)| *anew);
     let detectable = checked.map_or(vec![], detectable);
     let limit_mm =
-        verified_rms_mm.map(|verified| least_worth_a_word_mm(verified, &request.robot.links));
+        verified_rms_mm.map(|verified| smallest_reported_error_mm(verified, &request.robot.links));
     let times = |change: &DetectableChange| Some(change.tool_mm? / limit_mm?);
     // A zero that is invisible in these poses although other poses would show it.
     let last = request.robot.links.len().saturating_sub(1);
@@ -244,7 +244,7 @@ fn judged(
     let is_alarm = |p: f64| p.partial_cmp(&LEVEL).is_none_or(Ordering::is_lt);
     let alarms = checked.is_some_and(|checked| is_alarm(checked.probability));
     let is_worse = verified_rms_mm
-        .is_some_and(|verified| times_worse(rms_mm, verified, &request.robot.links).is_some());
+        .is_some_and(|verified| error_ratio(rms_mm, verified, &request.robot.links).is_some());
     // Reasons why points that fit the set do not prove that it is valid; the most serious one first.
     let doubts = [
         (
@@ -298,7 +298,7 @@ fn judged(
         likeliest: &likeliest,
         blind: &blind,
         hidden: &hidden,
-        times_blind: blind.iter().filter_map(|c| times(c)).fold(1.0, f64::max),
+        largest_missed_error_ratio: blind.iter().filter_map(|c| times(c)).fold(1.0, f64::max),
         n_configurations,
         largest_configuration: checked.and_then(|checked| {
             let numbers = request.set.distinct_configurations();

@@ -25,7 +25,7 @@
 use crate::calibration::validation::same_poses::{
     Pair, PlacedRows, constant_offset, n_of_placement, observations, position,
 };
-use crate::calibration::validation::session_fit::fitted_as_well_as_can_be;
+use crate::calibration::validation::session_fit::fitted_to_session;
 use crate::identification::KinematicModel;
 use crate::identification::least_squares::start::rigid_motion;
 use crate::kinematics::{Robot, reach_mm};
@@ -317,7 +317,7 @@ impl<'a> Later<'a> {
     fn fitted(&self) -> Option<&KinematicModel> {
         let fitted = || {
             let observations = observations(self.robot, self.set);
-            fitted_as_well_as_can_be(&self.robot.links, &observations)
+            fitted_to_session(&self.robot.links, &observations)
         };
         self.fitted.get_or_init(fitted).as_ref()
     }
@@ -325,7 +325,7 @@ impl<'a> Later<'a> {
     /// True if the differences are correlated with the residuals of both measurements as expected for new noise.
     fn noise_is_new(&self, alike: &Alike<'_>) -> bool {
         let robot = self.robot;
-        let fitted = |set| fitted_as_well_as_can_be(&robot.links, &observations(robot, set));
+        let fitted = |set| fitted_to_session(&robot.links, &observations(robot, set));
         let Some(after) = self.fitted() else {
             return false;
         };

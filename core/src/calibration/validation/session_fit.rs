@@ -52,14 +52,14 @@ pub struct HeldOut {
 
 /// Ratio of a set's error on a session to its error when it was identified, both rms, mm. `None` below [`REPORTED_ERROR_RATIO`]: such ratios occur between sessions
 /// of an unchanged robot.
-pub fn times_worse(session_mm: f64, identified_mm: f64, links: &[Link]) -> Option<f64> {
+pub fn error_ratio(session_mm: f64, identified_mm: f64, links: &[Link]) -> Option<f64> {
     let times = session_mm / identified_mm.max(MIN_REFERENCE_PER_REACH * reach_mm(links));
     (times >= REPORTED_ERROR_RATIO).then_some(times)
 }
 
 /// Ratio of a set's error on a session to that of a robot fitted to this session alone (`scatter_mm`, 0 if there are too few points), both rms, mm.
 /// `None` below [`REPORTED_ERROR_RATIO`].
-fn times_its_scatter(session_mm: f64, scatter_mm: f64, links: &[Link]) -> Option<f64> {
+fn scatter_ratio(session_mm: f64, scatter_mm: f64, links: &[Link]) -> Option<f64> {
     let times = session_mm / scatter_mm.max(MIN_REFERENCE_PER_REACH * reach_mm(links));
     (scatter_mm > 0.0 && times >= REPORTED_ERROR_RATIO).then_some(times)
 }
@@ -73,8 +73,8 @@ fn expected_scatter_mm(model: &KinematicModel, observations: &[Observation]) -> 
     own_scatter_mm(model, &some) / left.max(MIN_FREE_SHARE).sqrt()
 }
 
-/// Smallest error that [`times_worse`] reports, mm.
-pub fn least_worth_a_word_mm(identified_mm: f64, links: &[Link]) -> f64 {
+/// Smallest error that [`error_ratio`] reports, mm.
+pub fn smallest_reported_error_mm(identified_mm: f64, links: &[Link]) -> f64 {
     REPORTED_ERROR_RATIO * identified_mm.max(MIN_REFERENCE_PER_REACH * reach_mm(links))
 }
 
@@ -92,13 +92,13 @@ impl SessionScatter<'_> {
         own_scatter_mm(self.model, self.observations)
     }
 
-    /// See [`times_its_scatter`]; `None` for errors below the resolution of instruments.
+    /// See [`scatter_ratio`]; `None` for errors below the resolution of instruments.
     pub fn times(&self, session_mm: f64, links: &[Link]) -> Option<f64> {
-        if session_mm < least_worth_a_word_mm(0.0, links) {
+        if session_mm < smallest_reported_error_mm(0.0, links) {
             return None;
         }
         let scatter_mm = expected_scatter_mm(self.model, self.observations);
-        times_its_scatter(session_mm, scatter_mm, links)
+        scatter_ratio(session_mm, scatter_mm, links)
     }
 }
 
@@ -170,17 +170,14 @@ pub fn nominal_fit(
 
 /// The session's own scatter, rms, mm: the error that remains after fitting links, base and targets to it. 0 if there are too few points.
 pub fn own_scatter_mm(model: &KinematicModel, observations: &[Observation]) -> f64 {
-    let Some(fitted) = fitted_as_well_as_can_be(&model.links, observations) else {
+    let Some(fitted) = fitted_to_session(&model.links, observations) else {
         return 0.0;
     };
     typical_mm(observations.iter().map(|o| residual_mm(&fitted, o).norm()))
 }
 
 /// The robot with links, base and targets fitted; `None` if there are too few points.
-pub fn fitted_as_well_as_can_be(
-    links: &[Link],
-    observations: &[Observation],
-) -> Option<KinematicModel> {
+pub fn fitted_to_session(links: &[Link], observations: &[Observation]) -> Option<KinematicModel> {
     let n_targets = observations.iter().map(|o| o.target + 1).max().unwrap_or(0);
     let n_equations = 3 * observations.len();
     if n_equations < EQUATIONS_PER_NUMBER * (6 + 3 * n_targets) {

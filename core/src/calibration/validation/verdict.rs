@@ -7,7 +7,7 @@ use crate::calibration::upload_checks::alignment::FITS;
 use crate::calibration::validation::fit::Fit;
 use crate::calibration::validation::robust_comparison::{RobustComparison, robust_comparison};
 use crate::calibration::validation::session_fit::{
-    FarRun, HeldOut, SessionScatter, far_run, session_fit, times_worse,
+    FarRun, HeldOut, SessionScatter, error_ratio, far_run, session_fit,
 };
 use crate::calibration::warnings::plausibility;
 use crate::calibration::warnings::refused_upload::advice;
@@ -37,10 +37,10 @@ pub struct Verdict {
     pub held_out: Option<HeldOut>,
     /// Configurations at which the set is far off, although it fits the session as a whole. `fit` is then [`Fit::SetFarOff`].
     pub far_run: Option<FarRun>,
-    /// See [`times_worse`]; `None` if the set's errors at its identification are unknown.
-    pub times_worse: Option<f64>,
+    /// See [`error_ratio`]; `None` if the set's errors at its identification are unknown.
+    pub error_ratio: Option<f64>,
     /// See [`SessionScatter::times`].
-    pub times_its_scatter: Option<f64>,
+    pub scatter_ratio: Option<f64>,
     /// Code with which the points were refused, if the uploader insisted.
     pub refused_as: Option<String>,
 }
@@ -72,9 +72,9 @@ impl Verdict {
             is_identified: true,
             fit: fit.with_run(far_run.is_some()),
             far_run,
-            times_worse: held_out
-                .and_then(|known| times_worse(after_mm, known.identified_rms_mm, links)),
-            times_its_scatter: scatter.times(after_mm, links),
+            error_ratio: held_out
+                .and_then(|known| error_ratio(after_mm, known.identified_rms_mm, links)),
+            scatter_ratio: scatter.times(after_mm, links),
             comparison,
             held_out,
             refused_as: session.refused_as.map(str::to_owned),
@@ -89,8 +89,8 @@ impl Verdict {
             fit,
             held_out: None,
             far_run: None,
-            times_worse: None,
-            times_its_scatter: None,
+            error_ratio: None,
+            scatter_ratio: None,
             refused_as: session.refused_as.map(str::to_owned),
         }
     }
@@ -175,8 +175,8 @@ impl Verdict {
                     "on these points{remark} the calibrated robot ({after:.4} mm rms) is no better than the nominal one ({before:.4} mm rms): do not use it"
                 ),
             ),
-            Fit::Fits if self.times_worse.is_none() => {
-                let times = self.times_its_scatter?;
+            Fit::Fits if self.error_ratio.is_none() => {
+                let times = self.scatter_ratio?;
                 let detail = format!(
                     "on these points{remark} the calibrated robot misses by {after:.4} mm rms, {times:.1} times what is left where a robot is fitted to \
                      these points alone{at_identification}: the parameter set is not right for the robot as it was here. Too few parameters were \
@@ -185,7 +185,7 @@ impl Verdict {
                 (MISSES_SESSION, detail)
             }
             Fit::Fits => {
-                let times = self.times_worse?;
+                let times = self.error_ratio?;
                 let detail = format!(
                     "on these points{remark} the calibrated robot misses by {after:.4} mm rms, {times:.1} times what it missed by when it was \
                      identified{at_identification}: the robot, its tool or its base has changed, the instrument is coarser, or the parameter set holds \

@@ -97,7 +97,7 @@ fn delivered_base(screening: &Screening, arrangement: &Arrangement) -> Option<St
     let is_of_base = |s: &&Step| s.moved == Moved::Base && !s.is_one_point;
     let steps = screening.steps.iter().filter(is_of_base);
     let place = |s: &&Step| arrangement.order.iter().position(|point| *point == s.first);
-    Some(if arrangement.rests_on_last {
+    Some(if arrangement.is_last_reference {
         let row = steps.max_by_key(place)?.first;
         format!(
             ". The delivered base is that of the rows from row {row} on: predictions and corrected targets hold for the robot as it stands now"

@@ -108,7 +108,7 @@ fn unseen(problem: &Problem<'_>, model: &KinematicModel) -> AtFlange {
         true => FIRST_ORDER,
         false => 1.0,
     };
-    let directions = problem.decomposition.unseen_directions() * share;
+    let directions = problem.decomposition.unobservable_directions() * share;
     let robot = &problem.request.robot;
     let found = at_flange(robot, model, &problem.parameters, &[&directions]);
     AtFlange {

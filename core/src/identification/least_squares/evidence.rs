@@ -85,8 +85,8 @@ pub struct Triangle {
     n_rows: usize,
 }
 
-/// See [`Triangle::beyond`].
-pub struct Beyond {
+/// See [`Triangle::remaining_rows`].
+pub struct RemainingRows {
     /// Derivatives by the last coordinates, upper triangle.
     pub columns: DMatrix<f64>,
     /// Residuals of the same rows.
@@ -97,7 +97,7 @@ pub struct Beyond {
     pub n_free: f64,
 }
 
-impl Beyond {
+impl RemainingRows {
     /// Spectrum for estimating the variance of the last coordinates.
     pub fn spectrum(&self) -> Option<Spectrum> {
         Spectrum::new(&self.residuals, &self.columns, self.rest, self.n_free)
@@ -281,7 +281,7 @@ impl Triangle {
 
     /// Rows for the last coordinates, from `first` on: the information about them that is left after all other coordinates have been fitted
     /// with their priors.
-    pub fn beyond(&self, x: &[f64], evidence: &Evidence, first: usize) -> Beyond {
+    pub fn remaining_rows(&self, x: &[f64], evidence: &Evidence, first: usize) -> RemainingRows {
         let p = self.right.len();
         let n = p + first;
         let (mut stacked, mut right) = (DMatrix::zeros(n, p), vec![0.0; n]);
@@ -295,7 +295,7 @@ impl Triangle {
         let columns = stacked.view((first, first), (p - first, p - first));
         // Rows of priors count as data, except those of flat priors.
         let n_flat = self.is_flat[..first].iter().filter(|flat| **flat).count();
-        Beyond {
+        RemainingRows {
             columns: columns.upper_triangle(),
             residuals: DVector::from_column_slice(&right[first..p]),
             rest: self.rest + right[p..].iter().map(|v| v * v).sum::<f64>(),

@@ -174,7 +174,7 @@ impl SearchSpace {
             reference,
             parameters,
             scale,
-            decomposition.seen_directions(),
+            decomposition.observable_directions(),
         )
     }
 

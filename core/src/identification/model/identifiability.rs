@@ -143,7 +143,7 @@ impl Decomposition {
     }
 
     /// S·V of the observable combinations, p × rank: deviation = this · coordinates.
-    pub fn seen_directions(&self) -> DMatrix<f64> {
+    pub fn observable_directions(&self) -> DMatrix<f64> {
         let rank = self.rank();
         DMatrix::from_fn(self.scale.len(), rank, |row, k| {
             self.scale[row] * self.directions[(row, k)]
@@ -151,7 +151,7 @@ impl Decomposition {
     }
 
     /// S·V of the unobservable combinations, p × (p − rank).
-    pub fn unseen_directions(&self) -> DMatrix<f64> {
+    pub fn unobservable_directions(&self) -> DMatrix<f64> {
         let rank = self.rank();
         let p = self.scale.len();
         DMatrix::from_fn(p, p - rank, |row, k| {
@@ -159,10 +159,10 @@ impl Decomposition {
         })
     }
 
-    /// As [`Self::seen_directions`] and [`Self::unseen_directions`], but unobservable combinations that priors determine are moved to the first
+    /// As [`Self::observable_directions`] and [`Self::unobservable_directions`], but unobservable combinations that priors determine are moved to the first
     /// group. `stds` has parameters and the standard deviations of their priors, mm or rad.
     pub fn directions_with_priors(&self, stds: &[(usize, f64)]) -> (DMatrix<f64>, DMatrix<f64>) {
-        let (seen, unseen) = (self.seen_directions(), self.unseen_directions());
+        let (seen, unseen) = (self.observable_directions(), self.unobservable_directions());
         if stds.is_empty() || unseen.ncols() == 0 {
             return (seen, unseen);
         }

@@ -121,7 +121,7 @@ pub fn residuals(model: &KinematicModel, observations: &[Observation]) -> Vec<Ve
 pub fn residual_mm(model: &KinematicModel, o: &Observation) -> Vector3<f64> {
     let predicted = model.rotation(&o.q_rad, o.target);
     let left = o.position_mm - model.position(&o.q_rad, o.target);
-    left_at_lever(left, predicted.as_ref(), o)
+    residual_at_lever(left, predicted.as_ref(), o)
 }
 
 /// Root mean square of [`residuals`], mm; 0 without observations.
@@ -132,7 +132,7 @@ pub fn rms_mm(model: &KinematicModel, observations: &[Observation]) -> f64 {
 }
 
 /// Position residual of a pose at its lever, from that of its target, mm.
-pub fn left_at_lever(
+pub fn residual_at_lever(
     left: Vector3<f64>,
     predicted: Option<&Rotation3<f64>>,
     o: &Observation,

@@ -106,13 +106,13 @@ impl InOrder<'_> {
         let places: Vec<usize> = (0..self.q_rad.len()).collect();
         let mut linear = self.linear.clone();
         while found.backlash.len() < self.n_joints()
-            && let Some((backlash, column)) = self.play_by_order(&linear, &places)
+            && let Some((backlash, column)) = self.backlash_by_order(&linear, &places)
         {
             linear = linear.with(&column);
             found.columns = side_by_side(&[&found.columns, &column]);
             found.backlash.push(backlash);
         }
-        if let Some((backlash, columns)) = self.play_by_repeats(&linear) {
+        if let Some((backlash, columns)) = self.backlash_by_repeats(&linear) {
             found.columns = side_by_side(&[&found.columns, &columns]);
             found.backlash.push(backlash);
         }
@@ -169,7 +169,7 @@ impl InOrder<'_> {
     }
 
     /// The backlash that explains most by the measuring order, and its column.
-    fn play_by_order(
+    fn backlash_by_order(
         &self,
         linear: &Linearised,
         places: &[usize],
@@ -190,7 +190,7 @@ impl InOrder<'_> {
         let effect_mm = best.coefficient.abs() * best.column.norm() / rows.sqrt();
         if probability * tried.len() as f64 > FALSE_ALARMS / N_TESTS
             || effect_mm < SMALLEST_EFFECT * variance.sqrt()
-            || !self.play_stands_out(&problem, best.gain)
+            || !self.is_backlash_significant(&problem, best.gain)
         {
             return None;
         }
@@ -215,7 +215,7 @@ impl InOrder<'_> {
     }
 
     /// True if no joint gains as much in random orders of the configurations.
-    fn play_stands_out(&self, problem: &Whitened, gain: f64) -> bool {
+    fn is_backlash_significant(&self, problem: &Whitened, gain: f64) -> bool {
         holds_in_random_orders(by_configuration(&self.clusters), self.watch, |places| {
             self.fitted_play(problem, places)
                 .iter()
@@ -287,7 +287,7 @@ impl InOrder<'_> {
     }
 
     /// Backlash from the visits of the same poses, whatever side they came from, and the column that a fit needs to include it.
-    fn play_by_repeats(&self, linear: &Linearised) -> Option<(Backlash, DMatrix<f64>)> {
+    fn backlash_by_repeats(&self, linear: &Linearised) -> Option<(Backlash, DMatrix<f64>)> {
         let poses = self.poses();
         if poses.len() < MIN_POSES || !self.watch.goes_on() {
             return None;

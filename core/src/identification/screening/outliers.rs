@@ -299,13 +299,13 @@ impl<'a> Blocks<'a> {
         let mut kept = vec![true; n];
         let mut fit = self.keep(&kept)?;
         for _ in 0..most_outliers(n).div_ceil(at_once) {
-            let mut surprises: Vec<(usize, f64)> = (0..n)
+            let mut deleted_residuals_squared: Vec<(usize, f64)> = (0..n)
                 .filter(|i| kept[*i])
-                .map(|i| (i, fit.surprise(i, true)))
+                .map(|i| (i, fit.deleted_residual_squared(i, true)))
                 .collect();
             // Of equal ones, the last comes first.
-            surprises.sort_by(|a, b| b.1.total_cmp(&a.1).then(b.0.cmp(&a.0)));
-            surprises
+            deleted_residuals_squared.sort_by(|a, b| b.1.total_cmp(&a.1).then(b.0.cmp(&a.0)));
+            deleted_residuals_squared
                 .iter()
                 .take(at_once)
                 .for_each(|(worst, _)| kept[*worst] = false);
@@ -375,7 +375,14 @@ impl<'a> Blocks<'a> {
         })?;
         for _ in 0..EXCHANGES {
             let next: Vec<bool> = (0..n)
-                .map(|i| !is_outlier(fit.surprise(i, kept[i]), &fit, least_scale_mm, n))
+                .map(|i| {
+                    !is_outlier(
+                        fit.deleted_residual_squared(i, kept[i]),
+                        &fit,
+                        least_scale_mm,
+                        n,
+                    )
+                })
                 .collect();
             if next == kept {
                 break;
@@ -394,7 +401,7 @@ impl<'a> Blocks<'a> {
 
 impl Kept {
     /// Squared length of the residual that point i would have if it were not fitted, weighted by its covariance for σ = 1, mm².
-    fn surprise(&self, i: usize, is_kept: bool) -> f64 {
+    fn deleted_residual_squared(&self, i: usize, is_kept: bool) -> f64 {
         let leverage = self.leverages[i];
         let covariance = if is_kept {
             Matrix3::identity() - leverage
@@ -406,8 +413,13 @@ impl Kept {
     }
 }
 
-fn is_outlier(surprise: f64, fit: &Kept, least_scale_mm: f64, n_points: usize) -> bool {
-    let square = surprise / fit.variance.max(least_scale_mm * least_scale_mm);
+fn is_outlier(
+    deleted_residual_squared: f64,
+    fit: &Kept,
+    least_scale_mm: f64,
+    n_points: usize,
+) -> bool {
+    let square = deleted_residual_squared / fit.variance.max(least_scale_mm * least_scale_mm);
     square > OUTLIER_SIGMAS * OUTLIER_SIGMAS
         && f_tail(square / 3.0, 3.0, fit.freedom) * (n_points as f64) < FALSE_ALARMS
 }

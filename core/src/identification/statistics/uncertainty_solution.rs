@@ -57,7 +57,8 @@ impl Rows<'_> {
         let columns: Vec<usize> = solved.columns.iter().copied().chain(of_others).collect();
         let n_solved = solved.columns.len();
         let triangle = triangle.of_columns(&columns);
-        let beyond = triangle.beyond(&self.coordinates(columns.len()), &solved.evidence, n_solved);
+        let beyond =
+            triangle.remaining_rows(&self.coordinates(columns.len()), &solved.evidence, n_solved);
         let best = beyond.dominant(CHANCE_OF_FOLLOWING / n.max(1) as f64)?;
         Some(others[best])
     }
@@ -124,7 +125,9 @@ impl Rows<'_> {
             let first = columns.len();
             columns.extend(features.clone());
             let x = self.coordinates(columns.len());
-            let beyond = triangle.of_columns(&columns).beyond(&x, &evidence, first);
+            let beyond = triangle
+                .of_columns(&columns)
+                .remaining_rows(&x, &evidence, first);
             beyond.spectrum().map_or(0.0, |s| {
                 s.most_probable(USUAL_MISFIT_RAD, sigma_mm, kept_above)
             })

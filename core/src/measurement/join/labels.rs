@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 /// A name without punctuation, spaces and leading zeros: `P_01`, `P-1` and `p 1` are the same name.
-pub fn signs_aside(label: &str) -> String {
+pub fn without_punctuation(label: &str) -> String {
     let (mut found, mut digits) = (String::new(), String::new());
     for c in last_part(label).chars().chain([' ']) {
         if c.is_ascii_digit() {
@@ -93,11 +93,11 @@ pub fn are_numbered(labels: &[String]) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::{are_numbered, numbers_of, only_number, signs_aside};
+    use super::{are_numbered, numbers_of, only_number, without_punctuation};
 
     #[test]
     fn names_are_compared_in_several_forms() {
-        assert_eq!(signs_aside("P_01"), signs_aside("p 1"));
+        assert_eq!(without_punctuation("P_01"), without_punctuation("p 1"));
         for (label, number) in [
             ("P1", Some("1")),
             ("Cell::Point 07", Some("7")),

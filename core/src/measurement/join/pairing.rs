@@ -4,7 +4,7 @@
 use crate::measurement::columns::meaning::key;
 use crate::measurement::columns::names::Key;
 use crate::measurement::join::labels::{
-    are_numbered, exact, last_part, lower, number, numbers_of, only_number, signs_aside,
+    are_numbered, exact, last_part, lower, number, numbers_of, only_number, without_punctuation,
 };
 use crate::measurement::join::options::{Pairs, error};
 use crate::measurement::join::time::{Clock, MAX_APART, by_time, extent_mm, times};
@@ -349,7 +349,7 @@ fn pair(
             let strict = by_label(robot, ours, theirs, &[exact, lower, last_part])?;
             let count = |pairs: &Pairs| pairs.iter().flatten().count();
             let mut loose = match options.loose_names {
-                true => paired_as(robot, ours, theirs, signs_aside).ok(),
+                true => paired_as(robot, ours, theirs, without_punctuation).ok(),
                 false => None,
             };
             let has_none = |pairs: &Pairs| count(pairs) == 0;

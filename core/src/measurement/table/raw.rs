@@ -167,7 +167,7 @@ impl<'a> Table<'a> {
         };
         let comments = mapping.comments.or_else(|| {
             let rows = lines(&text[start..]).map(|line| line.text);
-            comments_are_told(rows, separator, names.len())
+            has_commented_out_rows(rows, separator, names.len())
         });
         Ok(Self {
             line_numbers: rows.numbers,
@@ -381,7 +381,7 @@ const ROWS_PER_COMMENT: usize = 4;
 
 /// True if a few rows begin like comments and most do not: somebody commented these rows out. None if there are no such rows, or many; in
 /// the second case, the mark may be part of the points' names.
-fn comments_are_told<'r>(
+fn has_commented_out_rows<'r>(
     rows: impl Iterator<Item = &'r str>,
     separator: Separator,
     n_columns: usize,

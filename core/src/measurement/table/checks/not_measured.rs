@@ -12,7 +12,7 @@ const MANY_JOINTS: usize = 3;
 /// The text of a position that stands for a missing measurement. There are three kinds: all coordinates are zero; all are the same whole
 /// number (−1) although most rows have decimals; or one is a number such as −9999 (or 9999.9) that is further away than the range of the
 /// others. `coordinates` are as written in the file. `others` are the smallest and largest values of each coordinate, without such numbers.
-fn in_its_place(
+fn missing_value_text(
     coordinates: &[f64; 3],
     others: &[(f64, f64); 3],
     have_decimals: bool,
@@ -72,7 +72,7 @@ fn rows_not_measured(points: &[Point], millimetres: [f64; 3]) -> Vec<(usize, Str
     let has_decimals = |row: &&[f64; 3]| row.iter().any(|value| value.fract() != 0.0);
     let have_decimals = 2 * written.iter().filter(has_decimals).count() > written.len();
     let rows = written.iter().enumerate();
-    rows.filter_map(|(at, row)| Some((at, in_its_place(row, &others, have_decimals)?)))
+    rows.filter_map(|(at, row)| Some((at, missing_value_text(row, &others, have_decimals)?)))
         .collect()
 }
 
