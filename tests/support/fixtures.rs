@@ -104,7 +104,7 @@ pub fn everything() -> ListRequest {
 #[allow(dead_code, reason = "each test binary uses its part")]
 pub async fn a_candidate(store: &Store, set: &MeasurementSetRow) -> ParameterSetRow {
     let job = a_job(store, set, "{}").await;
-    let body = format!("{{\"of\": \"{}\"}}", job.id);
+    let body = format!("{{\"of\":\"{}\"}}", job.id);
     let new = kincal::store::NewParameterSet {
         sha256: canonical::sha256_hex(body.as_bytes()),
         body_json: body,

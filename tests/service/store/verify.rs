@@ -16,7 +16,7 @@ use sqlx::AssertSqlSafe;
 use std::time::Duration;
 
 use crate::engines::for_each_engine;
-use crate::fixtures::{a_candidate, a_job, a_robot, a_set, claim, in_transaction};
+use crate::fixtures::{a_job, a_robot, a_set, claim, in_transaction};
 use crate::store::idempotency::{make_a_robot, scope};
 
 pub async fn broken(store: &Store) -> Vec<&'static str> {
@@ -333,7 +333,9 @@ fn each_fault_is_told_by_its_check() {
             let store = &database.store;
             let set = a_set(store, &a_robot(store, "r").await).await;
             insert_examples(store, &set).await;
-            a_candidate(store, &set).await;
+            an_identified_set(store, &set).await;
+            a_job(store, &set, "{}").await;
+            assert_eq!(broken(store).await, [""; 0], "before {faults}");
             for fault in faults.split("; ") {
                 sqlx::query(AssertSqlSafe(sql_for(store.engine(), fault)))
                     .execute(store.readers())
