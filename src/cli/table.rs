@@ -4,6 +4,7 @@ use super::remedy::with_options;
 use super::terminal::plain;
 use crate::release::{headline, why_no_evidence, why_same_upload};
 use crate::report_page::words;
+use crate::wire::decimals::fixed;
 use crate::wire::job::Model;
 use crate::wire::report_shape::{
     CheckReport, CheckVerdict, ComparisonReport, CorrectionReport, DetectableReport, ErrorsReport,
@@ -238,12 +239,12 @@ fn parameters(text: &mut String, rows: &[ParameterReport]) {
         };
         line!(
             text,
-            "{:<16}{:>5}{:>14.5}{:>14.5}{:>12.5}{std:>12}",
+            "{:<16}{:>5}{:>14}{:>14}{:>12}{std:>12}",
             row.name,
             row.unit,
-            row.nominal,
-            row.identified,
-            row.delta
+            fixed(row.nominal, 5),
+            fixed(row.identified, 5),
+            fixed(row.delta, 5)
         );
     }
 }
