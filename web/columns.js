@@ -38,7 +38,7 @@ function meanings(part, nJoints) {
   const own = { robot: joints, instrument: [...axes, ...others], table: [...joints, ...axes, ...others] }[part];
   // a file that states no unit is not read before somebody says which
   const open = { robot: joints, instrument: axes, table: [...joints, ...axes] }[part].map(([value, text]) => [`${value.split("_")[0]}${OPEN}`, `${text.split(", ")[0]}, unit?`]).filter(([value], i, all) => all.findIndex(([other]) => other === value) === i);
-  return [["", "(not read)"], ...open, ...own, ...(part === "table" ? [] : KEYS)];
+  return [["", "(not read)"], ...open, ...own, ...(part === "table" ? KEYS.slice(0, 1) : KEYS)];
 }
 
 /** The mapping that a file is understood by so far: meaning → column number. */
@@ -77,6 +77,12 @@ export function withChoices(columns, choices) {
   return merged;
 }
 
+/** What of a mapping holds for later files, too: clocks differ from session to session, and not every table has a column of names. */
+function lasting({ name, join, ...columns }) {
+  const { clock_offset_s: _, ...rest } = join ?? {};
+  return { ...columns, ...Object.keys(rest).length > 0 ? { join: rest } : {} };
+}
+
 /** Shows the files with a choice above each column; `read` is called with the mapping that was chosen. Rejects if the files cannot be shown. */
 export async function askColumns(robot, { body, type, stated: choices = {} }, decimal, out, read) {
   const stated = new URLSearchParams({ ...Object.keys(choices).length > 0 ? { columns: JSON.stringify(choices) } : {}, ...decimal ? { decimal } : {} });
@@ -106,7 +112,7 @@ export async function askColumns(robot, { body, type, stated: choices = {} }, de
     }
     const columns = withChoices(mapping(asked, by && { ...by.value ? { by: by.value } : {}, ...!clockField.hidden && clock.value !== "" ? { clock_offset_s: Number(clock.value) } : {} }), choices);
     try {
-      if (keep.checked) await put(`/v1/robots/${robot.id}/columns/${files.length > 1 ? REMEMBERED_PAIR : REMEMBERED}`, columns);
+      if (keep.checked) await put(`/v1/robots/${robot.id}/columns/${files.length > 1 ? REMEMBERED_PAIR : REMEMBERED}`, lasting(columns));
       read(columns);
     } catch (error) {
       fill(wrong, problem(error));

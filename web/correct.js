@@ -70,18 +70,19 @@ function form(robot, sets, doubtOf, out) {
   const tool = ["x", "y", "z"].map((axis) => el("input", { type: "number", step: "any", "aria-label": `Tool ${axis}, mm`, placeholder: axis }));
   const rotation = conventionChoice("correct-rotation");
   const file = el("input", { id: "correct-file", type: "file", accept: ".csv,.txt,.tsv,.xlsx,.ods,text/csv", required: true });
+  const unmark = () => {
+    node.querySelector("#correct-wrong")?.remove();
+    for (const field of node.querySelectorAll("[aria-invalid]")) ["aria-invalid", "aria-describedby"].forEach((name) => field.removeAttribute(name));
+  };
   /** What is wrong stands at its field, which gets the focus. */
   const atField = (field, said) => {
+    unmark();
     said.id = "correct-wrong";
     (field.closest("fieldset, .fields:not(.wide)") ?? field).after(said);
     field.setAttribute("aria-invalid", "true");
     field.setAttribute("aria-describedby", said.id);
     field.focus();
     fill(out);
-  };
-  const unmark = () => {
-    node.querySelector("#correct-wrong")?.remove();
-    for (const field of node.querySelectorAll("[aria-invalid]")) ["aria-invalid", "aria-describedby"].forEach((name) => field.removeAttribute(name));
   };
   /** The field that a refusal is about; what is about no other field is about the file. */
   const fieldOf = ([issue]) => {

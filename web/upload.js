@@ -145,8 +145,18 @@ async function fingerprint(file) {
 
 /** Asks which of two files is the robot's. */
 function twoFiles(context, [one, other], query, out) {
-  const choose = (robot, instrument) => el("button", { type: "button", click: async () => { out.focus(); upload(context, await pair(robot, instrument), query, out); } }, robot.name);
+  const choose = (robot, instrument) => el("button", { type: "button", click: () => { out.focus(); uploadPair(context, [robot, instrument], {}, query, out); } }, robot.name);
   fill(out, el("div", {}, el("p", {}, "Which of the two has the robot's joint values? The other one is the instrument's."), el("div.actions", {}, choose(one, other), choose(other, one))));
+}
+
+/** Sends two files as one upload. */
+async function uploadPair(context, [robotFile, instrumentFile], more, query, out) {
+  fill(out, el("p.quiet", {}, `Reading ${robotFile.name} …`));
+  try {
+    await upload(context, { ...await pair(robotFile, instrumentFile), ...more }, query, out);
+  } catch (error) {
+    fill(out, problem(error));
+  }
 }
 
 /** Sends what was chosen. */
@@ -179,7 +189,7 @@ async function upload(context, file, query, out, isTried = false) {
       if (more.frame) context.framed?.(more.frame);
       upload(context, { ...file, sheets, stated: withChoices(file.stated ?? {}, stated ?? {}) }, { ...query, ...more }, out, !stated && (isTried || Boolean(more.columns)));
     };
-    const asPair = async (sheets) => { out.focus(); upload(context, { ...await pair(file.body, file.body), stated: sheets }, { ...query, columns: "" }, out); };
+    const asPair = (sheets) => { out.focus(); uploadPair(context, [file.body, file.body], { stated: sheets }, { ...query, columns: "" }, out); };
     const isOneSheet = !file.parts && file.sheets?.length > 1 && sheetsIn(error.errors).sheets.length === 0;
     fill(out, refused(error, file, text), columns, remedies(error, { robot, file, query, retry, asPair }), isOneSheet && twoSheets(file.sheets, { asPair }));
     if (!isJson && isAboutColumns(error) && !asksForChoice(error)) {

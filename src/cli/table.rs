@@ -40,7 +40,7 @@ pub fn report(report: &Report) -> String {
             words::warning(&warning.code),
             warning.code,
             with_options(&warning.detail),
-            warning.points_in_words()
+            plain(&warning.points_in_words())
         );
         let advice = words::advice(&warning.code, &report.warnings);
         if !advice.is_empty() {

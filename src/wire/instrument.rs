@@ -73,6 +73,11 @@ impl InstrumentBody {
         noise.chain(levelled.map(|levelled| ("instrument_levelled", levelled.to_string())))
     }
 
+    /// Whether the noise of the points is that of the file, not of the instrument.
+    pub fn states_no_noise(&self) -> bool {
+        self.noise_numbers().next().is_none()
+    }
+
     /// Names and values of the given noise parameters.
     fn noise_numbers(&self) -> impl Iterator<Item = (&'static str, f64)> {
         let all = [
@@ -199,7 +204,7 @@ impl Stated {
                 issues: vec![self.issue(name, IN_BASE_FRAME, detail.into())],
             });
         }
-        if self.instrument.noise_numbers().next().is_none() && self.instrument.levelled.is_some() {
+        if self.instrument.states_no_noise() && self.instrument.levelled.is_some() {
             return Ok(());
         }
         self.state_noise(set)

@@ -241,7 +241,8 @@ pub fn points_csv(
 ) -> Result<Vec<u8>, Invalid> {
     let reading = stored_reading(reading_json)?;
     let set = parse_stored(content_type, reading.as_ref(), bytes, frame, n_joints)?;
-    let has_own_noise = reading.is_none_or(|reading| reading.instrument.is_none());
+    let instrument = reading.and_then(|reading| reading.instrument);
+    let has_own_noise = instrument.is_none_or(|instrument| instrument.states_no_noise());
     points_csv::write(&set, has_own_noise)
         .map_err(|error| Invalid::at("", "unreadable", error.to_string()))
 }

@@ -74,13 +74,16 @@ pub fn csv_text(links: &[Link]) -> String {
 
 /// The origins of the joints in the format of `kinematics:` in a UR description: x, y, z in metres, roll, pitch, yaw in rad. The hash in the file is
 /// not that of a controller, so the driver will print a warning.
-pub fn ur_kinematics(arm: &UrArm, sha256: &str, base_left_out: Option<&str>) -> String {
-    let base_left_out = base_left_out.map_or(String::new(), |warning| format!("# {warning}\n"));
+pub fn ur_kinematics(arm: &UrArm, sha256: &str, remarks: &[String]) -> String {
+    let remarks: String = remarks
+        .iter()
+        .map(|remark| format!("# {remark}\n"))
+        .collect();
     let mut text = format!(
         "# Joint origins of the identified robot, in place of those in ur_description (default_kinematics.yaml).\n\
          # The shoulder's origin is in base_link_inertia: the Base of the teach pendant, and base_link turned by 180 degrees about z.\n\
          # The robot's links, and positions in its base frame, begin in: {}.\n\
-         {base_left_out}\
+         {remarks}\
          kinematics:\n",
         arm.base.name()
     );

@@ -91,7 +91,7 @@ pub fn export(
                 .content
                 .sha256()
                 .map_err(|e| unreadable("ur_kinematics", e))?;
-            let text = documents::ur_kinematics(&arm, &sha256, source.base_left_out().as_deref());
+            let text = documents::ur_kinematics(&arm, &sha256, &source.remarks());
             let back =
                 documents::read_ur_kinematics(&text).map_err(|e| unreadable("ur_kinematics", e))?;
             check::same_description(source.robot, &links, &back, arm.base)?;

@@ -3,6 +3,7 @@
 use crate::compensation::Base;
 use crate::identification::least_squares::problem::BASE_RAD;
 use crate::kinematics::Robot;
+use crate::release::orientation_unknown;
 use crate::wire::measurement::Frame;
 use crate::wire::parameter_set::{ParameterSetContent, Provenance};
 use crate::wire::robot::RobotBody;
@@ -43,9 +44,18 @@ impl Source<'_> {
         }
     }
 
-    /// Warning for formats that contain only joint origins: such a format leaves out the pose of the base in the frame of the measured positions.
-    /// None if both frames are equal, or if positions were measured in the frame of an instrument.
-    pub fn base_left_out(&self) -> Option<String> {
+    /// Remarks for formats that contain only joint origins and have comments: what they leave out of the base, and whether the positions show how the
+    /// flange is turned.
+    pub fn remarks(&self) -> Vec<String> {
+        let turned = orientation_unknown(self.provenance, self.robot.links.len());
+        let turned = turned
+            .map(|why| format!("Only the measured reflector is where these origins say: {why}."));
+        self.base_left_out().into_iter().chain(turned).collect()
+    }
+
+    /// Such a format leaves out the pose of the base in the frame of the measured positions. None if both frames are equal, or if positions were
+    /// measured in the frame of an instrument.
+    fn base_left_out(&self) -> Option<String> {
         if self.provenance.measuring_frame != Some(Frame::Base) {
             return None;
         }

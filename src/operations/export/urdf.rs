@@ -25,8 +25,8 @@ pub fn written_text(source: &Source<'_>, links: &[Link]) -> String {
     if !is_controllers {
         text += "  <!-- joint values are those of kincal's model: the controller's are coupled, which a URDF cannot say -->\n";
     }
-    if let Some(warning) = source.base_left_out() {
-        let _ = writeln!(text, "  <!-- {warning} -->");
+    for remark in source.remarks() {
+        let _ = writeln!(text, "  <!-- {remark} -->");
     }
     text += "  <link name=\"base_link\"/>\n";
     for (i, link) in links.iter().enumerate() {

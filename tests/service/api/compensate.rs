@@ -358,9 +358,14 @@ async fn poses_are_refused_if_the_flange_orientation_is_unknown() {
     let answer = answer.ok(200);
     assert_eq!(answer["status"], json!(["ok"]));
     assert!(warned(&answer), "{answer}");
-    // The exported document states it too, so `kincal compensate` refuses.
+    // Exports state it too; with the document `kincal compensate` refuses.
     let document = app.get(&format!("{set}/export")).await.ok(200);
     assert_eq!(document["flange_rotation_std_deg"], std_deg);
+    let exported = app.get(&format!("{set}/export?format=urdf")).await.text();
+    assert!(
+        exported.contains("do not show how the flange is turned"),
+        "{exported}"
+    );
     // No reason releases the set, however plausible its parameters are.
     let why = json!({"reason": "trial", "change_reason": "trial"});
     let refused = app.post_json(&format!("{set}/release"), &why).await;

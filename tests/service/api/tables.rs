@@ -336,6 +336,24 @@ fn log_and_export(stray: Option<usize>) -> String {
 }
 
 #[tokio::test]
+async fn the_noise_that_a_file_states_stays_in_its_table_beside_a_levelled_instrument() {
+    let app = TestApp::with_workers(1).await;
+    let robot = app.paper_robot().await;
+    let sets = format!("{robot}/measurement-sets?frame=instrument&instrument_levelled=true");
+    let csv = String::from_utf8(paper("first_noisy.csv")).unwrap();
+    let csv: Vec<String> = (csv.lines().enumerate())
+        .map(|(i, line)| format!("{line},{}", if i == 0 { "std_mm" } else { "0.03" }))
+        .collect();
+    let set = app.post(&sets, "text/csv", csv.join("\n")).await.ok(201);
+    let points = format!(
+        "/v1/measurement-sets/{}/points?format=csv",
+        text(&set["id"])
+    );
+    let table = app.get(&points).await.text();
+    assert!(table.lines().next().unwrap().contains("std_mm"), "{table}");
+}
+
+#[tokio::test]
 async fn the_points_of_two_files_are_one_table_that_says_their_names() {
     let app = TestApp::with_workers(1).await;
     let robot = app.paper_robot().await;

@@ -306,7 +306,7 @@ fn judged(
             let is_outstanding =
                 |point: &&Point| numbers[point.configuration.as_str()] == outstanding;
             let found = request.set.points.iter().find(is_outstanding);
-            found.map(Point::shown)
+            found.map(|point| point.configuration.as_str())
         }),
         n_links: request.robot.links.len(),
         n_targets: request.set.n_targets(),

@@ -234,7 +234,7 @@ pub fn far_run(
         let labels = rows.iter().map(|row| points[*row].configuration.as_str());
         let squares: f64 = rows.iter().map(|row| error_mm(row) * error_mm(row)).sum();
         FarRun {
-            first: points[rows[0]].shown().to_owned(),
+            first: points[rows[0]].configuration.clone(),
             n_configurations: labels.collect::<BTreeSet<_>>().len(),
             rms_mm: (squares / rows.len() as f64).sqrt(),
             rows: rows.to_vec(),

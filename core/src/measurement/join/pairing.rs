@@ -4,13 +4,14 @@
 use crate::measurement::columns::meaning::key;
 use crate::measurement::columns::names::Key;
 use crate::measurement::join::labels::{
-    are_numbered, exact, last_part, lower, number, numbers_of, only_number, without_punctuation,
+    TwoWords, are_numbered, exact, last_part, lower, number, numbers_in_names, only_number,
+    without_punctuation,
 };
 use crate::measurement::join::options::{Pairs, error};
 use crate::measurement::join::time::{Clock, MAX_APART, by_time, extent_mm, times};
 use crate::measurement::set::{Point, SAME_JOINT_RAD};
 use crate::measurement::table::checks::repeats::rows_again;
-use crate::measurement::table::points::Content;
+use crate::measurement::table::points::{Content, name_in_one_line};
 use std::collections::{BTreeMap, BTreeSet};
 
 pub use crate::measurement::join::options::{JoinBy, JoinError, JoinOptions};
@@ -177,10 +178,10 @@ fn points(robot: &Content, instrument: &Content, pairing: &Pairing) -> Vec<Point
     paired
         .filter_map(|(point, pair)| {
             let posture = &robot.points[(*pair)?];
-            let name = posture.name.as_ref().or(point.name.as_ref());
+            let name = posture.name.as_ref().or(point.name.as_ref()).cloned();
             Some(Point {
                 q_rad: posture.q_rad.clone(),
-                name: name.or_else(|| numbers?.1.get((*pair)?)).cloned(),
+                name: name.or_else(|| name_in_one_line(numbers?.1.get((*pair)?)?)),
                 ..point.clone()
             })
         })
@@ -297,12 +298,19 @@ fn pair(
         }
         return plain((0..a).map(Some).collect());
     }
+    let has_name = |content| cells(content, JoinBy::Name).is_some();
+    let has_number = |content| cells(content, JoinBy::Number).is_some();
+    // Who says number may mean the numbers in the names, unless both files have a column of numbers.
+    let is_in_names = by == JoinBy::Number
+        && options.by.is_some()
+        && !(has_number(robot) && has_number(instrument));
+    let have_names = has_name(robot) && has_name(instrument);
     let of_name = |content| match by {
         JoinBy::Name if options.loose_names => {
             cells(content, by).or_else(|| cells(content, JoinBy::Number))
         }
-        // whoever says number may mean those in the names
-        JoinBy::Number if options.by.is_some() => {
+        JoinBy::Number if is_in_names && have_names => cells(content, JoinBy::Name),
+        JoinBy::Number if is_in_names => {
             cells(content, by).or_else(|| cells(content, JoinBy::Name))
         }
         _ => cells(content, by),
@@ -311,7 +319,6 @@ fn pair(
     else {
         return Ok(None);
     };
-    let has_name = |content| cells(content, JoinBy::Name).is_some();
     if by == JoinBy::Name && !has_name(robot) && !has_name(instrument) {
         return Ok(None);
     }
@@ -337,14 +344,11 @@ fn pair(
                 n_robot,
             }))
         }
-        JoinBy::Number => {
-            let numbers = |content, labels: &[String]| match cells(content, by) {
-                Some(_) => labels.to_vec(),
-                None => numbers_of(labels),
-            };
-            let (ours, theirs) = (numbers(robot, ours), numbers(instrument, theirs));
+        JoinBy::Number if is_in_names => {
+            let [ours, theirs] = numbers_in_names(ours, theirs).map_err(two_words)?;
             plain(by_label(robot, &ours, &theirs, &[number])?)
         }
+        JoinBy::Number => plain(by_label(robot, ours, theirs, &[number])?),
         _ => {
             let strict = by_label(robot, ours, theirs, &[exact, lower, last_part])?;
             let count = |pairs: &Pairs| pairs.iter().flatten().count();
@@ -376,6 +380,17 @@ fn pair(
             }
         }
     }
+}
+
+/// The error if the points' names cannot be told from others with numbers.
+fn two_words(TwoWords(first, second): TwoWords) -> JoinError {
+    error(
+        "join_unclear",
+        format!(
+            "one file has names with {first:?} and names with {second:?}, and the numbers of both could be the points': remove the rows that are no points, \
+             or give the points the same names in both files"
+        ),
+    )
 }
 
 /// Pairs names such as `P1` and `Point 1` by their numbers, if no number is missing or has two names in one file.

@@ -137,10 +137,7 @@ pub fn read(source: Source, options: &TableOptions) -> Result<Content, ParseErro
         .iter_mut()
         .zip(names.map_or(&[][..], |(_, cells)| cells))
     {
-        // it stands in one line of tables and texts
-        let plain = |c: char| if c.is_control() { ' ' } else { c };
-        let name: String = name.chars().take(MAX_NAME).map(plain).collect();
-        point.name = Some(name).filter(|name| !name.is_empty());
+        point.name = name_in_one_line(name);
     }
     Ok(Content {
         points,
@@ -351,4 +348,11 @@ fn is_joint(means: &str) -> bool {
     let base = means.split_once('_').map_or(means, |(base, _)| base);
     base.strip_prefix('q')
         .is_some_and(|rest| rest.parse::<usize>().is_ok())
+}
+
+/// A point's name for tables and texts: in one line, of bounded length. `None` if it is empty.
+pub fn name_in_one_line(cell: &str) -> Option<String> {
+    let plain = |c: char| if c.is_control() { ' ' } else { c };
+    let name: String = cell.chars().take(MAX_NAME).map(plain).collect();
+    Some(name).filter(|name| !name.is_empty())
 }
