@@ -2,7 +2,7 @@
 """Plants faults in a copy of the tree and runs the tests that have to catch them.
 
     tests/planted_faults.py --check             every fault finds its place in the tree as it is: a second, part of .ci/run
-    tests/planted_faults.py                     all faults, about an hour on two cores: this runs by night
+    tests/planted_faults.py                     all faults, half an hour on two cores: this runs by night
     tests/planted_faults.py fence "no scope"    those whose name contains one of these texts
 
 A build takes minutes, so all faults are built at once. In the copy, a function with a fault has both bodies, and the variable KINCAL_PLANTED says
