@@ -19,7 +19,7 @@ libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
         0 => round_trip::<RobotBody>(body, |robot| drop(Robot::try_from(robot))),
         1 => round_trip::<MeasurementSetBody>(body, |set| {
             for n_joints in [1, 6, 12] {
-                if let Ok(set) = set.measurement_set(None, n_joints) {
+                if let Ok(set) = set.measurement_set(None, None, n_joints) {
                     assert!(set.points.iter().all(|p| p.q_rad.len() == n_joints
                         && p.position_mm.iter().all(|p| p.is_finite())));
                 }
