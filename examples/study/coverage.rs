@@ -1,6 +1,6 @@
-//! Do the stated 95 % intervals hold the truth? Prints `docs/uncertainty.md`.
+//! Do the stated 95 % intervals hold the truth? Prints the tables of `docs/uncertainty.md`.
 //!
-//! `cargo run --release --example study coverage [n_robots] > docs/uncertainty.md`; `study coverage joints` and
+//! `cargo run --release --example study coverage [n_robots]`; `study coverage joints` and
 //! `study coverage corrections` print the third and the fourth table alone.
 
 use crate::data::{paper_robot, real_data, robot};
@@ -28,36 +28,6 @@ const N_CORRECTED: u64 = 24;
 /// Poses that no fit has seen, per robot.
 const N_UNSEEN: usize = 200;
 
-const RATIOS: &str = "\
-For each robot, `tool_uncertainty_mm` over the rms error of the tool at 200 unseen poses of the same workspace. 1 is right, below 1 too
-little is stated. Sag as above. Sizes are the same arm, scaled: the errors of its links in proportion, the noise of an instrument for that size.
-";
-
-const JOINTS: &str = "\
-As above, with corrections looked for (the default). A harmonic of a joint has 0.3 mrad, that of twice the order half of it, phases are
-random. The errors are those of the links alone.
-";
-
-const CORRECTED: &str = "\
-`position_std_mm` of `predict` over the rms error of its answer, with the corrections that were kept, at 200 unseen poses.
-Joints 2 and 3 sag by so much per unit moment of their own weight.
-";
-
-const HALVES: &str = "\
-Measured robot `qkm_hl6`: each half of its configurations is identified by itself and predicts the other half. `inside` counts the points of the
-other half whose distance is within the 95 % quantile of prediction and white noise.
-";
-
-const TEXT: &str = "\
-The paper's arm with random errors of every link parameter (0.3 mm, 0.05°, one standard deviation), measured at random poses in the
-instrument frame, identified by least squares on the complete model. Counted are the intervals of every parameter but the base's
-rotation, and those of the tool's position along each axis at 20 random poses of the same workspace that were not measured.
-
-White noise is what the stated intervals are derived for: they have to hold in 93 to 97 % of the cases. Sag is not: joints 2 and 3 give
-under the arm's own weight, which no parameter of the model can say. The posterior of a wider problem says how far the links are off
-because of it. That is an error that is known, and it counts as one standard deviation: the intervals are rather too wide.
-";
-
 /// Counts over the robots of one campaign.
 #[derive(Default)]
 struct Tally {
@@ -80,10 +50,7 @@ pub fn study(arguments: &[String]) {
         .cloned()
         .and_then(|n| n.parse().ok())
         .unwrap_or(1000);
-    println!(
-        "# Uncertainty\n\nMade by `cargo run --release --example study coverage {n_robots} > docs/uncertainty.md`.\n"
-    );
-    println!("## Do the stated 95 % intervals hold the truth?\n\n{TEXT}");
+    println!("## Do the stated 95 % intervals hold the truth?\n");
     println!(
         "| {n_robots} robots each | parameters | tool | tool: predicted / true rms, mm |\n|---|---|---|---|"
     );
@@ -304,7 +271,7 @@ fn stated_and_true_mm(seed: u64, row: &Row) -> (Option<f64>, f64) {
 /// The third table: errors of the joints.
 fn of_joints() {
     println!(
-        "\n## Joints that turn by more than links say\n\n{JOINTS}\n| {N_OF_JOINTS} robots each | poses | stated / true, median (10 % to 90 %) | stated, median | true, \
+        "\n## Joints that turn by more than links say\n\n| {N_OF_JOINTS} robots each | poses | stated / true, median (10 % to 90 %) | stated, median | true, \
          median | nothing stated |\n|---|---|---|---|---|---|"
     );
     let none = NonlinearErrors::NONE;
@@ -356,7 +323,7 @@ fn rows_of_errors(
 /// The fourth table: predictions with corrections.
 fn of_corrections() {
     println!(
-        "\n## Predictions with corrections\n\n{CORRECTED}\n| {N_CORRECTED} robots each | poses | stated / true, median (10 % to 90 %) | stated, median | true, \
+        "\n## Predictions with corrections\n\n| {N_CORRECTED} robots each | poses | stated / true, median (10 % to 90 %) | stated, median | true, \
          median | nothing stated |\n|---|---|---|---|---|---|"
     );
     let none = NonlinearErrors::NONE;
@@ -427,7 +394,7 @@ fn of_corrections() {
 fn measured_halves() {
     let Some(root) = real_data() else { return };
     println!(
-        "\n{HALVES}\n| split | stated, rms | halves differ, rms over root 2 | misses the other half's points, rms | inside 95 % |\n|---|---|---|---|---|"
+        "\n| split | stated, rms | halves differ, rms over root 2 | misses the other half's points, rms | inside 95 % |\n|---|---|---|---|---|"
     );
     let nominal = robot(&root.join("qkm_hl6/robot.json"));
     let whole = measured_robots::set(&root.join("qkm_hl6/set.csv"));
@@ -487,7 +454,7 @@ fn measured_halves() {
 
 fn ratios(rows: &[Row]) {
     println!(
-        "\n## Is the stated uncertainty of the tool its error?\n\n{RATIOS}\n| {N_RATIOS} robots each | stated / true, median (10 % to 90 %) | stated, \
+        "\n## Is the stated uncertainty of the tool its error?\n\n| {N_RATIOS} robots each | stated / true, median (10 % to 90 %) | stated, \
          median | true, median | nothing stated |\n|---|---|---|---|---|"
     );
     for row in rows {

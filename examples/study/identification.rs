@@ -1,6 +1,6 @@
 //! How well robots are identified: measured ones, and simulated ones with what goes wrong in a cell. Prints `docs/identification.md`.
 //!
-//! `cargo run --release --example study identification [all|real|outliers|campaigns|steps|starts|swarm] [n] > docs/identification.md`
+//! `cargo run --release --example study identification [all|real|outliers|campaigns|steps|starts|swarm] [n]`
 //! `cargo run --release --example study identification splits DIR` writes the splits that `docs/oracles/scipy_least_squares.py` reads.
 
 mod campaigns;
@@ -18,7 +18,6 @@ pub fn study(arguments: &[String]) {
     }
     let n: Option<u64> = arguments.get(1).and_then(|n| n.parse().ok());
     let wanted = |name: &str| what == "all" || what == name;
-    println!("# Identification\n\nMade by `cargo run --release --example study identification`.\n");
     if wanted("real") {
         real::tables();
     }

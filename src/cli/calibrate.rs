@@ -4,7 +4,6 @@ use super::files::{cannot_be_used, fault, faults, parse_json, read};
 
 use super::measured::{TableOptions, in_words as understood_in_words, read_measured};
 use super::options::{IdentifyOptions, SessionOptions, SetOptions};
-use super::remedy::with_options;
 use super::robots::Mounted;
 use super::robots_library::ready_arm;
 use super::table;
@@ -32,6 +31,7 @@ use crate::wire::robot::RobotBody;
 use crate::wire::session_record::SessionRecord;
 use crate::wire::suspicion::Insist;
 use crate::wire::understood::Reading;
+use crate::wire::warning::Warning;
 use crate::wire::{Invalid, canonical};
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -224,7 +224,8 @@ fn read_session(path: &Path, robot: &Robot, arguments: &Arguments) -> anyhow::Re
         .iter()
         .filter(|warning| warning.code != "under_determined")
     {
-        print_warning(warning.code, &warning.detail);
+        let warning = Warning::from(warning).naming(|row| set.points.get(row)?.name.as_deref());
+        eprintln!("{}", table::warning_in_words(&warning));
     }
     let unread = reading.as_ref().and_then(Reading::unread_labels);
     // The same checks as on a server. The fit can look perfect with wrong units, columns, rotations or joints.
@@ -241,7 +242,7 @@ fn read_session(path: &Path, robot: &Robot, arguments: &Arguments) -> anyhow::Re
     };
     let mut insisted_on = None;
     for kept in of_rotations.into_iter().chain(of_positions) {
-        print_warning(&kept.warning.code, &kept.warning.detail);
+        eprintln!("{}", table::warning_in_words(&kept.warning));
         insisted_on = insisted_on.or(kept.insisted_on);
     }
     Ok(Session {
@@ -250,11 +251,6 @@ fn read_session(path: &Path, robot: &Robot, arguments: &Arguments) -> anyhow::Re
         sha256: canonical::sha256_hex(&files.bytes),
         set,
     })
-}
-
-fn print_warning(code: &str, detail: &str) {
-    let detail = with_options(detail);
-    eprintln!("warning: {} ({code}): {detail}", words::warning(code));
 }
 
 /// Fails if the result cannot be used, so that nobody continues with it. `job_id` is the job on a server.

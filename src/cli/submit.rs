@@ -6,14 +6,13 @@ use super::failure::Refused;
 use super::files::cannot_be_used;
 use super::measured::{Measured, TableOptions, in_words as understood_in_words, read_measured};
 use super::options::{IdentifyOptions, SessionOptions, SetOptions};
-use super::remedy::{in_commands, with_options};
+use super::remedy::in_commands;
 use super::runtime::block_on;
 use super::subject::with_query;
 use super::table;
 use super::terminal::{self, Output, plain};
 use super::usage::Usage;
 use crate::release::headline;
-use crate::report_page::words;
 use crate::wire::instrument::InstrumentBody;
 use crate::wire::job::{After, JobRequestBody, Kind};
 use crate::wire::job_answer::{JobAnswer, JobStatus};
@@ -21,6 +20,7 @@ use crate::wire::release::GatesAnswer;
 use crate::wire::report_shape::Report;
 use crate::wire::robot::MAX_NAME;
 use crate::wire::understood::Reading;
+use crate::wire::warning::Warning;
 use anyhow::Context;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -271,13 +271,10 @@ async fn upload(
     for line in understood_in_words(&reading) {
         eprintln!("{}", plain(&line));
     }
-    for warning in set["warnings"].as_array().into_iter().flatten() {
-        let (code, detail) = (
-            warning["code"].as_str().unwrap_or_default(),
-            warning["detail"].as_str().unwrap_or_default(),
-        );
-        let detail = with_options(detail);
-        eprintln!("warning: {} ({code}): {detail}", words::warning(code));
+    let warnings: Vec<Warning> =
+        serde_json::from_value(set["warnings"].clone()).unwrap_or_default();
+    for warning in &warnings {
+        eprintln!("{}", table::warning_in_words(warning));
     }
     if !arguments.output.json {
         say!(

@@ -11,6 +11,7 @@ use crate::wire::report_shape::{
     Evidence, ParameterReport, RepeatabilityReport, Report, SubsetReport,
 };
 use crate::wire::sessions::PooledReport;
+use crate::wire::warning::Warning;
 use std::fmt::Write;
 
 /// Smallest error that is printed as a number, mm: no instrument resolves a tenth of a micrometre.
@@ -34,14 +35,7 @@ pub fn report(report: &Report) -> String {
     pooled(&mut text, report.pooled.as_ref());
     repeatability(&mut text, report.repeatability.as_ref());
     for warning in &report.warnings {
-        line!(
-            text,
-            "\nwarning: {} ({}): {}{}",
-            words::warning(&warning.code),
-            warning.code,
-            with_options(&warning.detail),
-            plain(&warning.points_in_words())
-        );
+        line!(text, "\n{}", warning_in_words(warning));
         let advice = words::advice(&warning.code, &report.warnings);
         if !advice.is_empty() {
             line!(text, "  {}", advice.join(" "));
@@ -329,6 +323,17 @@ pub fn number(value: f64) -> String {
         size if size < 100.0 => format!("{value:.4}"),
         _ => format!("{value:.1}"),
     }
+}
+
+/// A warning in one line, with the names of its points.
+pub fn warning_in_words(warning: &Warning) -> String {
+    plain(&format!(
+        "warning: {} ({}): {}{}",
+        words::warning(&warning.code),
+        warning.code,
+        with_options(&warning.detail),
+        warning.points_in_words()
+    ))
 }
 
 /// Verdict, next step, and the smallest changes that these poses detect.

@@ -382,7 +382,7 @@ pub fn dependencies(manifest: &str) -> Vec<String> {
     let entries = section.take_while(|line| !line.starts_with('['));
     entries
         .filter_map(|line| line.split_once('='))
-        .map(|(name, _)| name.trim().replace('-', "_"))
+        .map(|(name, _)| name.trim().trim_end_matches(".workspace").replace('-', "_"))
         .filter(|name| !name.starts_with('#'))
         .collect()
 }

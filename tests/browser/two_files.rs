@@ -59,22 +59,21 @@ fn files_that_are_joined_by_time_have_their_poses_their_table_and_a_remark_the_s
     });
     in_browser(&driver, &hall.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
-        give_both(browser, &robot, &both).await;
         // the clocks are asked for where the times leave their difference open
-        browser.until_it_says("Say once what the columns are").await;
-        browser
-            .until("!document.querySelector('#columns-clock').closest('div').hidden")
-            .await;
-        browser
-            .find("#columns-clock")
-            .await
-            .send_keys("-1000")
-            .await
-            .unwrap();
-        browser
-            .run("document.querySelector('#columns-keep').click()")
-            .await;
-        browser.button("Read it so").await.click().await.unwrap();
+        let give_with_clock = async || {
+            give_both(browser, &robot, &both).await;
+            browser.until_it_says("Say once what the columns are").await;
+            browser
+                .until("!document.querySelector('#columns-clock').closest('div').hidden")
+                .await;
+            let clock = browser.find("#columns-clock").await;
+            clock.send_keys("-1000").await.unwrap();
+            browser
+                .run("document.querySelector('#columns-keep').click()")
+                .await;
+            browser.button("Read it so").await.click().await.unwrap();
+        };
+        give_with_clock().await;
         browser
             .until_it_says("95 points in 95 configurations")
             .await;
@@ -98,18 +97,7 @@ fn files_that_are_joined_by_time_have_their_poses_their_table_and_a_remark_the_s
         std::fs::remove_dir_all(folder).unwrap();
 
         // the same two files once more
-        give_both(browser, &robot, &both).await;
-        browser.until_it_says("Say once what the columns are").await;
-        browser
-            .find("#columns-clock")
-            .await
-            .send_keys("-1000")
-            .await
-            .unwrap();
-        browser
-            .run("document.querySelector('#columns-keep').click()")
-            .await;
-        browser.button("Read it so").await.click().await.unwrap();
+        give_with_clock().await;
         browser
             .until_it_says("The same file was uploaded before")
             .await;

@@ -92,11 +92,6 @@ impl Point {
 }
 
 impl Point {
-    /// What it is called in texts: its name, or else the label of its configuration.
-    pub fn shown(&self) -> &str {
-        self.name.as_deref().unwrap_or(&self.configuration)
-    }
-
     /// Standard uncertainty of one coordinate of the position, mm. For anisotropic noise: root mean square over the three axes.
     pub fn position_std_mm(&self) -> Option<f64> {
         self.std_mm
