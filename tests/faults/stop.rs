@@ -25,7 +25,7 @@ pub fn signal(name: &str, pid: u32) {
 /// A swarm that takes some seconds, so that it is stopped before it ends.
 pub fn long_job(set: &str) -> Value {
     json!({"measurement_set_id": set, "method": "pso", "preset": "paper", "verify": {"source": "subset"},
-        "options": {"n_particles": 200, "n_iterations": 4000, "stop_at_cost_mm2": 0.0}})
+        "options": {"n_particles": 200, "n_iterations": 20_000, "stop_at_cost_mm2": 0.0}})
 }
 
 #[test]

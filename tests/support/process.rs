@@ -313,7 +313,7 @@ impl Server {
     pub fn begun(&self, job: &str) -> Value {
         let deadline = Instant::now() + PATIENCE;
         while Instant::now() < deadline {
-            let (_, answer) = self.get(&format!("/v1/jobs/{job}?wait_s=1"));
+            let (_, answer) = self.get(&format!("/v1/jobs/{job}"));
             if answer["status"] == "running"
                 && answer["progress"]["iteration"].as_u64().unwrap_or(0) > 0
             {
@@ -323,6 +323,7 @@ impl Server {
                 matches!(answer["status"].as_str().unwrap(), "queued" | "running"),
                 "over too early: {answer}"
             );
+            std::thread::sleep(Duration::from_millis(20));
         }
         panic!("job {job} has not begun after {PATIENCE:?}");
     }

@@ -21,7 +21,7 @@ use crate::compensation::anchor;
 use crate::identification::KinematicModel;
 use crate::identification::least_squares::estimate::{Estimate, estimate};
 use crate::identification::least_squares::evidence::Noise;
-use crate::identification::least_squares::problem::{Problem, Variable};
+use crate::identification::least_squares::problem::{Kind, Prior, Problem, Variable};
 use crate::identification::least_squares::start::fit_base_and_targets;
 use crate::identification::model::objective::{Observation, counting};
 use crate::identification::model::parameters::{Parameter, Quantity, complete_parameters};
@@ -35,6 +35,9 @@ const MAX_POINTS: usize = 2_000;
 
 /// A length is implausible if it deviates from its drawing by more than this number of standard deviations of new robots.
 const IMPLAUSIBLE: f64 = 2.0;
+
+/// Weight of the prior of the variance of joint zeros, as a number of zeros.
+const PRIOR_ZEROS: f64 = 2.0;
 
 /// Uncertainty of the flange's rotation: the largest for the given links, each identified from the points of the problem. `None` if it cannot be
 /// computed.
@@ -59,9 +62,9 @@ pub fn flange_rotation(
     let start = vec![0.0; parameters.len()];
     let found = estimate(&points, &start, 0.0, &mut |_| ControlFlow::Continue(()));
     let as_drawn = with_the_last_link_as_drawn(&points, &found);
-    let root = points.in_units(found.posterior.root);
-    let estimate = found.model;
-    let posterior_rad = at_flange(robot, &estimate, &parameters, &[&root]).turn_rad;
+    let root = points.in_units(found.posterior.root.clone());
+    let estimate = &found.model;
+    let posterior_rad = at_flange(robot, estimate, &parameters, &[&root]).turn_rad;
     let away_rad = links
         .iter()
         .flat_map(|links| {
@@ -72,11 +75,32 @@ pub fn flange_rotation(
         .fold(0.0, f64::max);
     let last_zero = Parameter::Link(robot.links.len() - 1, Quantity::ThetaOffset);
     let last_zero = parameters.iter().position(|p| *p == last_zero)?;
-    let found = FlangeRotation {
-        by_positions_rad: libm::hypot(posterior_rad, away_rad),
-        last_joint_zero_rad: root.row(last_zero).norm(),
+    let variable = &points.variables[last_zero];
+    let by_the_other_zeros_rad = match variable.prior {
+        Prior::OfKind(Kind::Offset) => variable.width * rms_zero(&points, &found),
+        _ => 0.0,
     };
-    found.std_rad().is_finite().then_some(found)
+    let rotation = FlangeRotation {
+        by_positions_rad: libm::hypot(posterior_rad, away_rad),
+        last_joint_zero_rad: root.row(last_zero).norm().max(by_the_other_zeros_rad),
+    };
+    rotation.std_rad().is_finite().then_some(rotation)
+}
+
+/// Expected root mean square error of a joint zero of this robot that no row determines, in widths of the prior.
+///
+/// The zeros are taken as normal with an unknown variance. Its prior is an inverse gamma distribution with mean 1 and the weight of
+/// [`PRIOR_ZEROS`] zeros; the result is the root of its posterior mean. The width of Student's t in [`crate::identification::least_squares::evidence`]
+/// is smaller: it leaves out the largest zeros, which is right for the fit of those zeros, but not for a zero that is not measured.
+fn rms_zero(points: &Problem<'_>, found: &Estimate) -> f64 {
+    let (mut squares, mut determined) = (PRIOR_ZEROS, PRIOR_ZEROS);
+    for (j, variable) in points.variables.iter().enumerate() {
+        if variable.prior == Prior::OfKind(Kind::Offset) {
+            squares += found.x[j] * found.x[j];
+            determined += found.posterior.data_share[j];
+        }
+    }
+    (squares / determined).sqrt()
 }
 
 /// The estimate with `a` of the last link as drawn. `None` unless that length was found off by more than [`IMPLAUSIBLE`] and the points fit as well
