@@ -161,6 +161,45 @@ fn a_log_joins_by_time_though_the_clocks_differ_and_the_robot_moves_between() {
     assert!((offset_s - 4990.5).abs() < 0.25, "{offset_s}");
 }
 
+/// A rigid body has the components of a quaternion under X, Y, Z and W, and its position under the same X, Y and Z.
+#[test]
+fn the_position_of_a_rigid_body_is_not_its_rotation() {
+    let postures = [
+        [10.0, 1.0],
+        [20.0, 2.0],
+        [30.0, 3.0],
+        [40.0, 5.0],
+        [50.0, 8.0],
+    ];
+    let log: String = postures
+        .iter()
+        .map(|[q, t]| format!("{t};{q};2;3;4;5;6\n"))
+        .collect();
+    let robot = format!("time [s];J1 [deg];J2 [deg];J3 [deg];J4 [deg];J5 [deg];J6 [deg]\n{log}");
+    let frames: String = postures
+        .iter()
+        .map(|[q, t]| {
+            format!(
+                "{},{t},0.1,0.2,0.3,0.927,{},2.5,0.75,0.0001\n",
+                120.0 * t,
+                q / 10.0
+            )
+        })
+        .collect();
+    let instrument = format!(
+        "Format Version,1.23,Take Name,T,Rotation Type,Quaternion,Length Units,Meters\n\n,,Rigid Body,Rigid Body,Rigid Body,Rigid Body,Rigid \
+         Body,Rigid Body,Rigid Body,Rigid Body\n,,Rotation,Rotation,Rotation,Rotation,Position,Position,Position,Mean Marker Error\nFrame,Time \
+         (Seconds),X,Y,Z,W,X,Y,Z,\n{frames}"
+    );
+    let (set, _) = read(&form(robot.as_bytes(), instrument.as_bytes()), "").unwrap();
+    let measured: Vec<f64> = set.points.iter().map(|p| p.position_mm.x).collect();
+    let expected = postures.map(|[q, _]| 100.0 * q);
+    assert_eq!(measured.len(), expected.len());
+    for (measured, expected) in measured.iter().zip(expected) {
+        assert!((measured - expected).abs() < 1e-9, "{measured} {expected}");
+    }
+}
+
 #[test]
 fn what_cannot_be_joined_says_what_to_state() {
     let robot = |rows: &str| {
@@ -188,6 +227,15 @@ fn what_cannot_be_joined_says_what_to_state() {
         detail.contains("{\"join\": {\"clock_offset_s\": \"SECONDS\"}}"),
         "{detail}"
     );
+    // clocks that may agree are no exception: the first posture may be the one that was not measured
+    let as_they_are: String = (0..8).map(|i| format!("{}.5,{i},2,3\n", 10 * i)).collect();
+    let (code, detail) = refusal(
+        &robot(&even),
+        &format!("time [s],x_mm,y_mm,z_mm\n{as_they_are}"),
+        "",
+    );
+    assert_eq!(code, "two_readings", "{detail}");
+    assert!(detail.contains("-0.500 s (8 pairs)"), "{detail}");
     // a long file that is as even: the differences are counted, not all kept
     let long: String = (0..5000)
         .map(|i| row(&format!("R{i}"), f64::from(i), f64::from(i % 90)))

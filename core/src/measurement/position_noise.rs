@@ -82,7 +82,7 @@ impl PositionNoise {
     }
 
     /// True if the noise is the same in all directions.
-    pub fn is_alike(&self) -> bool {
+    pub fn is_isotropic(&self) -> bool {
         self.std_mm.max() - self.std_mm.min() <= EQUAL_SHARE * self.std_mm.max()
     }
 
@@ -95,11 +95,11 @@ impl PositionNoise {
     /// Whitening matrix W for this noise plus an independent isotropic part with standard deviation s = `beside_mm`. All rows of W · residual have
     /// the same variance, [`Self::rms_mm`]² + s². Row k is along axis k. Wᵀ·W is this variance times the inverse of the covariance.
     pub fn whitening(&self, beside_mm: f64) -> Matrix3<f64> {
-        Matrix3::from_diagonal(&self.stretched(beside_mm)) * self.axes.transpose()
+        Matrix3::from_diagonal(&self.whitening_scales(beside_mm)) * self.axes.transpose()
     }
 
     /// Factor by which [`Self::whitening`] scales each axis.
-    pub fn stretched(&self, beside_mm: f64) -> Vector3<f64> {
+    pub fn whitening_scales(&self, beside_mm: f64) -> Vector3<f64> {
         let beside_mm2 = beside_mm * beside_mm;
         let rms_mm = self.rms_mm();
         let row_mm = (rms_mm * rms_mm + beside_mm2).sqrt();
@@ -181,7 +181,7 @@ mod tests {
             assert!((rows - Matrix3::identity() * variance).amax() < ROUNDING);
         }
         let alike = PositionNoise::of_axes(Vector3::repeat(0.1));
-        assert!(alike.is_alike() && !noise.is_alike());
+        assert!(alike.is_isotropic() && !noise.is_isotropic());
         assert!((alike.whitening(0.0) - Matrix3::identity()).amax() < ROUNDING);
     }
 

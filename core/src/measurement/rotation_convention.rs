@@ -3,7 +3,7 @@
 //! There are twenty-four sequences of elementary rotations, and rotation vectors. The convention is never guessed, because the same three numbers are
 //! a valid rotation in all conventions.
 
-use crate::kinematics::rotation::{rotation_exp, rotation_vector, within_half_a_turn};
+use crate::kinematics::rotation::{rotation_exp, rotation_log, within_half_a_turn};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::fmt;
@@ -69,7 +69,7 @@ impl RotationConvention {
     /// solutions regardless of the previous angles, and zero at a lock.)
     pub fn angles_rad(self, rotation: &Rotation3<f64>, near_rad: &Vector3<f64>) -> Vector3<f64> {
         let Self::Sequence { axes, is_extrinsic } = self else {
-            return nearest_rotation_vector(rotation_vector(rotation), near_rad);
+            return nearest_rotation_vector(rotation_log(rotation), near_rad);
         };
         // For rotations about fixed axes, the last rotation is the leftmost factor.
         let order = if is_extrinsic { [2, 1, 0] } else { [0, 1, 2] };

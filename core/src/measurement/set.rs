@@ -2,6 +2,7 @@
 
 use crate::measurement::conventions::{Frame, Subset};
 use crate::measurement::position_noise::PositionNoise;
+use crate::solvers::median::median;
 use nalgebra::{Rotation3, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -201,7 +202,7 @@ impl MeasurementSet {
     /// True if the stated noise of any position is anisotropic.
     pub fn has_uneven_noise(&self) -> bool {
         let noise = self.points.iter().filter_map(|p| p.position_noise);
-        noise.into_iter().any(|noise| !noise.is_alike())
+        noise.into_iter().any(|noise| !noise.is_isotropic())
     }
 
     /// True if poses were measured, and not only positions.
@@ -220,6 +221,12 @@ impl MeasurementSet {
         let mut order: Vec<usize> = (0..self.points.len()).collect();
         order.sort_by_key(|row| (self.points[*row].sequence, *row));
         order
+    }
+
+    /// Median of the stated standard uncertainties of one coordinate of a position, mm. A point that states none counts as 0.
+    pub fn stated_position_std_mm(&self) -> f64 {
+        let stated = self.points.iter().map(Point::position_std_mm);
+        median(stated.map(|std_mm| std_mm.unwrap_or(0.0))).unwrap_or(0.0)
     }
 
     /// The largest stated standard uncertainty of a component of a rotation, rad; 0 if none is stated.

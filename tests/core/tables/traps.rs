@@ -42,6 +42,25 @@ pub(super) fn is_read(name: &str, text: &str) {
     is_read_again(name, text.as_bytes(), &set, &reading.unwrap());
 }
 
+/// FANUC and ABB call the posture of the arm a configuration.
+#[test]
+fn the_posture_of_the_arm_is_no_label_of_a_pose() {
+    let postures = |name: &str| {
+        let mut names = vec![name.to_owned()];
+        names.extend(header(|j| format!("q{j}_deg"), ["x_mm", "y_mm", "z_mm"]));
+        Written {
+            header: names,
+            front: |row| vec![if row % 2 == 0 { "N U T" } else { "F U T" }.to_owned()],
+            ..Written::default()
+        }
+    };
+    for name in ["configuration", "Configuration"] {
+        let text = postures(name).text();
+        let hint = format!("{{\"ignore\": [{name:?}]}}");
+        refused_as(name, &text, "configuration_suspect", &hint);
+    }
+}
+
 #[test]
 fn a_quote_that_closes_nothing_swallows_no_row() {
     let one = with_remarks(|row| vec![if row == 3 { "\"hot" } else { "" }.to_owned()]);

@@ -70,11 +70,9 @@ pub fn found_offset(
     }
     let mut ties = Ties::default();
     for offset_s in offsets {
-        // If the best clock differences pair all rows and there are already many of them, further ones change nothing. Only differences of
-        // about zero are still tried.
-        let is_settled = ties.most == tried.len() && ties.are_many();
-        if is_settled && offset_s.abs() > 2.0 * tolerance_s {
-            continue;
+        // If the best clock differences pair all rows and there are already many of them, further ones change nothing.
+        if ties.most == tried.len() && ties.are_many() {
+            break;
         }
         let offset_s = centred(standstills, &tried, offset_s, tolerance_s);
         let pairs = paired(standstills, &tried, offset_s, tolerance_s);
@@ -87,9 +85,6 @@ pub fn found_offset(
              the robot's clock minus the instrument's in the column mapping: {{\"join\": {{\"clock_offset_s\": \"SECONDS\", \"tolerance_s\": \"SECONDS\"}}}}"
         );
         return Err(error("join_unclear", detail));
-    }
-    if let Some(offset_s) = ties.as_they_are_s {
-        return Ok(offset_s);
     }
     if !ties.are_contradictory {
         return Ok(ties.offsets_s[0]);
@@ -145,8 +140,6 @@ struct Ties {
     first: Vec<Option<usize>>,
     /// True if another clock difference gives a different pair for some row.
     are_contradictory: bool,
-    /// The first one of about zero. It is preferred to all others.
-    as_they_are_s: Option<f64>,
 }
 
 impl Ties {
@@ -155,20 +148,17 @@ impl Ties {
         if n < self.most {
             return;
         }
-        let as_it_is = (offset_s.abs() <= tolerance_s).then_some(offset_s);
         if n > self.most || self.offsets_s.is_empty() {
             *self = Self {
                 most: n,
                 offsets_s: vec![offset_s],
                 first: pairs,
                 are_contradictory: false,
-                as_they_are_s: as_it_is,
             };
             return;
         }
         let mut both = self.first.iter().zip(&pairs).filter_map(|(a, b)| a.zip(*b));
         self.are_contradictory |= both.any(|(a, b)| a != b);
-        self.as_they_are_s = self.as_they_are_s.or(as_it_is);
         let is_new = |known_s: &f64| (known_s - offset_s).abs() > tolerance_s;
         if self.offsets_s.len() <= MAX_TIES && self.offsets_s.iter().all(is_new) {
             self.offsets_s.push(offset_s);

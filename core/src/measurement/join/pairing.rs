@@ -126,7 +126,7 @@ pub fn join(
             .filter(|p| options.by.is_some() && p.n_joined() > 0)
             .max_by_key(|p| p.n_joined())
     }) else {
-        return Err(why.unwrap_or_else(|| nothing_pairs(robot, instrument)));
+        return Err(why.unwrap_or_else(|| nothing_pairs(robot, instrument, options.by)));
     };
     if let Some(other) = usable.iter().find(|other| other.contradicts(best, robot)) {
         return Err(error(
@@ -189,7 +189,7 @@ fn points(robot: &Content, instrument: &Content, pairing: &Pairing) -> Vec<Point
 }
 
 /// The error if no key pairs the rows. It shows examples from the columns that might pair them.
-fn nothing_pairs(robot: &Content, instrument: &Content) -> JoinError {
+fn nothing_pairs(robot: &Content, instrument: &Content, by: Option<JoinBy>) -> JoinError {
     let labels = |content: &Content| {
         let column = cells(content, JoinBy::Name).or_else(|| cells(content, JoinBy::Number));
         column.map(|(_, cells)| {
@@ -211,13 +211,19 @@ fn nothing_pairs(robot: &Content, instrument: &Content) -> JoinError {
             ". The instrument's file has no column of names or numbers that is known".into()
         }
     };
+    let by_number = match by {
+        Some(JoinBy::Number) => "",
+        _ => {
+            ". If the numbers in the names say it, say so in the column mapping: {\"join\": {\"by\": \"number\"}}; names that are called otherwise \
+             than most are then left over"
+        }
+    };
     error(
         "join_unclear",
         format!(
             "nothing pairs the rows of the two files: both need a column with the points' names, numbers or times that agree{seen}. Name them \
              in the column mapping: {{\"robot\": {{\"name\": \"COLUMN\"}}, \"instrument\": {{\"name\": \"COLUMN\"}}}}. If row belongs to row, say so \
-             in the column mapping: {{\"join\": {{\"by\": \"order\"}}}}. If the numbers in the names say it, say so in the column mapping: \
-             {{\"join\": {{\"by\": \"number\"}}}}; names that are called otherwise than most are then left over"
+             in the column mapping: {{\"join\": {{\"by\": \"order\"}}}}{by_number}"
         ),
     )
 }

@@ -10,7 +10,7 @@ use crate::measurement::columns::names::{
 use crate::measurement::columns::pose_names::rotation_columns;
 use crate::measurement::issue::{Issue, MAX_ISSUES};
 use crate::measurement::table::Table;
-use crate::measurement::table::groups::without_groups_not_measured;
+use crate::measurement::table::groups::{without_groups_not_measured, without_rotations};
 use crate::measurement::table::halves::missing_half;
 use crate::measurement::table::other_layouts::other_layout;
 use crate::measurement::table::plain::{is_of_target, named_plain};
@@ -128,6 +128,7 @@ impl Resolution<'_> {
             .map(|(place, (name, below))| (place, recognise(name, below)))
             .collect();
         let known = with_time_of_rtde(self.table, known);
+        let known = without_rotations(self.table, known);
         let known = without_groups_not_measured(self.table, known);
         if self.needs_joints() {
             self.named_joints(&known);

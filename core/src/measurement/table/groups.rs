@@ -30,6 +30,36 @@ fn is_measured(group: &str) -> Option<bool> {
     }
 }
 
+/// Whether the line above the header has the groups `Rotation` and `Position`, as for a rigid body in files of OptiTrack.
+pub fn has_rotation_and_position(above: &[String]) -> bool {
+    let has = |name: &str| above.iter().any(|cell| cell.eq_ignore_ascii_case(name));
+    has(ROTATION) && has("position")
+}
+
+/// Above X, Y and Z that are components of a rotation.
+const ROTATION: &str = "rotation";
+
+/// Ignores columns named X, Y and Z that belong to the rotation of a rigid body.
+pub fn without_rotations(table: &Table, mut known: Vec<(usize, Known)>) -> Vec<(usize, Known)> {
+    if !has_rotation_and_position(&table.above) {
+        return known;
+    }
+    let named = table.above.iter().enumerate();
+    let group = |place: usize| {
+        named
+            .clone()
+            .rfind(|(at, cell)| *at <= place && !cell.is_empty())
+    };
+    for (place, known) in &mut known {
+        let is_rotation =
+            group(*place).is_some_and(|(_, cell)| cell.eq_ignore_ascii_case(ROTATION));
+        if is_rotation && matches!(known, Known::Position(..)) {
+            *known = Known::Unknown;
+        }
+    }
+    known
+}
+
 /// Ignores positions in groups that were not measured. If one group was measured, positions in groups with any other name are ignored too.
 /// A group ends where the next one begins. A group that begins at a joint or a name does not concern positions, or it is a title.
 pub fn without_groups_not_measured(

@@ -3,6 +3,7 @@
 use crate::measurement::columns::mapping::{Mapping, Separator};
 use crate::measurement::columns::names::{Known, LENGTHS, Unit, recognise, unit_alone};
 use crate::measurement::issue::{ParseError, whole};
+use crate::measurement::table::groups::has_rotation_and_position;
 use crate::measurement::table::lines::{Line, cells, comment_mark, is_numeric, lines};
 
 /// Number of lines that are used to find the separator if no header is known.
@@ -252,12 +253,13 @@ pub fn unnamed(above: &[Line], separator: Separator) -> Vec<String> {
 
 /// The unit in a line such as `Length Units,Millimeters` above the header, as in files of OptiTrack.
 pub fn stated_length_unit(above: &[Line]) -> Option<&'static str> {
-    // For a rigid body, columns named X, Y and Z may also be components of a quaternion, so no unit is assumed.
+    // For a rigid body, columns named X, Y and Z may also be components of a quaternion. No unit is assumed unless a line tells them apart.
     let of_rotation = |line: &Line| {
         let cells = cells(line.text, Separator::Comma);
-        cells
+        let has_rotation = cells
             .iter()
-            .any(|cell| cell.eq_ignore_ascii_case("rotation"))
+            .any(|cell| cell.eq_ignore_ascii_case("rotation"));
+        has_rotation && !has_rotation_and_position(&cells)
     };
     if above.iter().any(of_rotation) {
         return None;

@@ -5,6 +5,7 @@ use crate::measurement::csv::number_text::without_unit;
 use crate::measurement::csv::{MAX_ROWS, Reading, parse_row};
 use crate::measurement::issue::{Issue, MAX_ISSUES, ParseError};
 use crate::measurement::set::Point;
+use crate::measurement::table::checks::configurations::unlike_poses;
 use crate::measurement::table::checks::flags::Flags;
 use crate::measurement::table::checks::names::Names;
 use crate::measurement::table::checks::no_measurements;
@@ -198,6 +199,13 @@ impl Rows {
             );
             // No row was refused before, so points and rows have the same indices.
             self.issues = found;
+        }
+        let is_label = |column: &Column| *column == Column::Configuration;
+        if let Some(place) = layout.columns.iter().position(is_label)
+            && self.issues.is_empty()
+        {
+            let found = unlike_poses(&self.points, &layout.names[place]);
+            self.issues.extend(found);
         }
     }
 

@@ -1,5 +1,6 @@
 //! Checks for rows that are no measurements, and for rows whose cells are shifted.
 
+pub mod configurations;
 pub mod flags;
 mod group_statistics;
 pub mod names;
