@@ -75,7 +75,7 @@ FAULTS = [
         ("if !ties.are_contradictory {", "if true || !ties.are_contradictory {")], "core/src/measurement"),
     # Rotations, noise and scale
     Fault("rotations may turn the base, too", "service", "rotations_that_do_not_belong_to_the_positions", [
-        ("(found.rms_mm <= COMES_NEAR * reach_mm && is_known)", "(found.rms_mm < 0.0 * COMES_NEAR * reach_mm && is_known)")], "core/src/calibration"),
+        ("(found.rms_mm <= NEAR_FIT_PER_REACH * reach_mm && is_known)", "(found.rms_mm < 0.0 * COMES_NEAR * reach_mm && is_known)")], "core/src/calibration"),
     Fault("a turned pose is like the others", "service", "turned_poses_are_named", [
         ("(*angle_rad > limit_rad).then_some(TurnedPose {", "(*angle_rad > 4.0 + limit_rad).then_some(TurnedPose {")], "core/src/calibration"),
     Fault("any rotation fits", "service", "a_set_whose_rotations_do_not_fit", [

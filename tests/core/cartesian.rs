@@ -3,9 +3,11 @@
 use crate::data::paper_robot;
 use crate::simulation::Normal;
 use kincal::compensation::{Compensation, Mode, Status, Tool};
+use kincal::kinematics::rotation::rotation_log;
 use kincal::kinematics::{JointMap, Robot};
-use nalgebra::{DMatrix, IsometryMatrix3};
+use nalgebra::{DMatrix, IsometryMatrix3, Rotation3, Vector3};
 use rand::RngExt;
+use std::f64::consts::PI;
 
 /// The paper's arm, and one with a joint map that couples its wrist: joint values 10° off in each joint, among them on the other side of a wrist
 /// singularity.
@@ -64,6 +66,41 @@ fn the_posture_is_the_nearest_one() {
             n_ok >= 199 && n_far <= 1 && n_flipped == 0,
             "{n_ok} {n_far} {n_flipped}"
         );
+    }
+}
+
+/// The rotation matrix of a half turn is symmetric, as that of no turn.
+#[test]
+fn a_tool_that_points_the_other_way_is_not_at_its_target() {
+    let nominal = paper_robot();
+    let compensation = Compensation::new(&nominal, &nominal.links);
+    let tool = Tool::Tcp(IsometryMatrix3::translation(0.0, 0.0, 100.0));
+    let near = [0.1f64, -0.5, 0.3, 0.2, 0.4, -0.3];
+    let at = compensation.t_nominal_tool(&near, &tool);
+    for axis in [Vector3::z_axis(), Vector3::x_axis()] {
+        let wanted = at * Rotation3::from_axis_angle(&axis, PI);
+        let reached = compensation.reach(&wanted, &near, &tool, Mode::Pose);
+        let is = compensation.t_nominal_tool(&reached.q_nominal_rad, &tool);
+        let apart_rad = is.rotation.angle_to(&wanted.rotation);
+        println!(
+            "about {axis:?}: {:?}, {apart_rad:.6} rad apart",
+            reached.corrected.status
+        );
+        match reached.corrected.status {
+            Status::Ok => assert!(apart_rad < 1e-6, "{apart_rad}"),
+            _ => assert!(apart_rad > 1e-6 || reached.corrected.status == Status::NotReached),
+        }
+        if axis == Vector3::z_axis() {
+            assert_eq!(
+                reached.corrected.status,
+                Status::Ok,
+                "joint 6 turns by 180°"
+            );
+        }
+    }
+    for axis in [Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis()] {
+        let half = rotation_log(&Rotation3::from_axis_angle(&axis, PI));
+        assert!((half.norm() - PI).abs() < 1e-9, "{half}");
     }
 }
 

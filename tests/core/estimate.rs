@@ -146,7 +146,7 @@ fn noise_and_widths_fulfil_the_equations_that_define_them() {
     assert!((sigma_mm / expected - 1.0).abs() < FIXED_POINT);
     assert!((26.0..27.5).contains(&n_determined), "{n_determined}");
     for (k, kind) in KINDS.into_iter().enumerate() {
-        let g = found.evidence.widened[k];
+        let g = found.evidence.prior_growth[k];
         let of_kind: Vec<usize> = (0..p)
             .filter(|j| problem.variables[*j].prior == Prior::OfKind(kind))
             .collect();
@@ -164,9 +164,9 @@ fn noise_and_widths_fulfil_the_equations_that_define_them() {
         assert!((g / expected - 1.0).abs() < FIXED_POINT, "{g} {expected}");
     }
     assert!(
-        found.evidence.widened[0] > 1.5,
+        found.evidence.prior_growth[0] > 1.5,
         "{:?}",
-        found.evidence.widened
+        found.evidence.prior_growth
     );
     // the root is one of the covariance
     let root = &found.posterior.root;

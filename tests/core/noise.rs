@@ -3,7 +3,8 @@
 use crate::central_differences::assert_derivatives;
 use crate::data::paper_robot;
 use crate::simulation::{
-    Normal, found, limited, links_alone, poses, robot_of_the_priors, tool_intervals_held,
+    Campaign, Normal, found, limited, links_alone, measure, poses, robot_of_the_priors,
+    tool_intervals_held,
 };
 use crate::trackers::{Instrument, Measured, measured, points_of};
 use kincal::calibration::request::Loss;
@@ -334,4 +335,26 @@ fn gross_errors_beside_noise_by_direction_are_weighed_down_by_a_robust_loss() {
     println!("{ratio:.3} times the error without gross errors");
     // two of fifty points less, and Huber's bounded pull of two
     assert!(ratio <= 1.2, "{ratio}");
+}
+
+/// A tracker of 3 mm on an arm of 2 m: half of the points are farther away than `no_fit` allows without stated noise.
+#[test]
+fn coarse_points_whose_noise_is_stated_fit() {
+    let mut random = Normal::new(31);
+    let truth = robot_of_the_priors(&nominal(), 1, &mut random);
+    let campaign = Campaign {
+        noise_mm: 3.0,
+        ..Campaign::PLAIN
+    };
+    let set = measure(&truth, &poses(80, &mut random), &campaign, &mut random);
+    let mut stated = set.clone();
+    for point in &mut stated.points {
+        point.std_mm = Some(3.0);
+    }
+    for (set, is_stated) in [(set, false), (stated, true)] {
+        let report = identified(set);
+        let is_fit = report.warnings.iter().all(|told| told.code != "no_fit");
+        println!("stated {is_stated}: {}", report.method_reason);
+        assert_eq!(is_fit, is_stated, "{:?}", report.warnings);
+    }
 }

@@ -306,6 +306,13 @@ fn priors_and_robust_losses_hear_a_cancel_during_their_first_fits() {
     assert!(heartbeats(&with, "screening") > without + 2);
     let mut robust = request("first.csv", vec![]);
     robust.options.loss = Some(Loss::Tukey);
+    // The paper's preset has no screening, and so no scale for a robust loss.
+    let refused = calibrate(&robust, &mut |_| ControlFlow::Continue(()));
+    assert!(
+        matches!(&refused, Err(Error::Unusable { code, .. }) if *code == "loss_not_supported"),
+        "{refused:?}"
+    );
+    robust.preset = Preset::Default;
     let before = heartbeats(&robust, "screening");
     assert!(heartbeats(&robust, "least_squares") > before + 2);
 }

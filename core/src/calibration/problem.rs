@@ -116,8 +116,8 @@ impl Problem<'_> {
 
     /// Set-up of the instrument of each point, from 0; `None` for the reference set-up, in whose frame the model is.
     pub fn stations(&self) -> Vec<Option<usize>> {
-        let resting = self.arrangement.resting();
-        let number = |setup: usize| match setup.cmp(&resting) {
+        let reference_setup = self.arrangement.reference_setup();
+        let number = |setup: usize| match setup.cmp(&reference_setup) {
             Ordering::Less => Some(setup),
             Ordering::Equal => None,
             Ordering::Greater => Some(setup - 1),

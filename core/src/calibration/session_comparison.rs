@@ -165,7 +165,10 @@ fn in_words(comparison: &Comparison, request: &CalibrationRequest) -> Changes {
     }
     // Each set-up of the instrument has its own base, so a difference of bases is no change.
     let is_own = |change: &&Change| {
-        let is_base = !matches!(change.parameters[0], Parameter::Target(..));
+        let is_base = matches!(
+            change.parameters[0],
+            Parameter::BaseTranslation(_) | Parameter::BaseRotation(_)
+        );
         !(is_base && request.set.frame == Frame::Instrument)
     };
     let elsewhere: Vec<&Change> = placement.iter().copied().filter(is_own).collect();

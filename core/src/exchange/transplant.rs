@@ -75,7 +75,7 @@ pub fn transplanted(
     if found != expected {
         return Err(Mismatch::JointCount { found, expected });
     }
-    let Some((convention, t_root_base, worst)) = laid_onto(chain, nominal) else {
+    let Some((convention, t_root_base, worst)) = best_alignment(chain, nominal) else {
         return Ok(chain.clone());
     };
     let (name, distance_mm, angle_rad) = &worst;
@@ -90,7 +90,7 @@ pub fn transplanted(
         links: identified.to_vec(),
         ..nominal.clone()
     };
-    let nearer = laid_onto(chain, &corrected).is_some_and(|(.., of_corrected)| {
+    let nearer = best_alignment(chain, &corrected).is_some_and(|(.., of_corrected)| {
         misfit(&of_corrected) < CORRECTED_TO_NOMINAL * misfit(&worst)
     });
     if nearer && misfit(&worst) > ROUNDING {
@@ -126,7 +126,10 @@ pub fn placed(
 type OffAxis = (String, f64, f64);
 
 /// Best fit of a robot to a chain: the joint convention, the base in the chain's root, and the worst axis.
-fn laid_onto(chain: &Chain, robot: &Robot) -> Option<(Convention, IsometryMatrix3<f64>, OffAxis)> {
+fn best_alignment(
+    chain: &Chain,
+    robot: &Robot,
+) -> Option<(Convention, IsometryMatrix3<f64>, OffAxis)> {
     let placed = conventions(robot).into_iter().map(|convention| {
         let t_root_base = place(chain, robot, &convention);
         let worst = worst_axis(chain, robot, &convention, &t_root_base);

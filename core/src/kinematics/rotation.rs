@@ -23,25 +23,9 @@ pub fn within_half_a_turn(angle_rad: f64) -> f64 {
     angle_rad - TAU * (angle_rad / TAU).round()
 }
 
-/// Rotation vector of a rotation: the inverse of [`rotation_exp`] below half a turn.
+/// Rotation vector of a rotation: the inverse of [`rotation_exp`] up to half a turn. It is computed from the quaternion, because the rotation matrix is
+/// nearly symmetric near half a turn.
 pub fn rotation_log(rotation: &Rotation3<f64>) -> Vector3<f64> {
-    let m = rotation.matrix();
-    let twice_sine = Vector3::new(
-        m[(2, 1)] - m[(1, 2)],
-        m[(0, 2)] - m[(2, 0)],
-        m[(1, 0)] - m[(0, 1)],
-    );
-    let sine = twice_sine.norm() / 2.0;
-    let angle = libm::atan2(sine, (m.trace() - 1.0) / 2.0);
-    if sine < 1e-9 {
-        twice_sine / 2.0
-    } else {
-        twice_sine * (angle / (2.0 * sine))
-    }
-}
-
-/// The rotation vector, computed from the quaternion. This is accurate also near half a turn, where the rotation matrix is nearly symmetric.
-pub fn rotation_vector(rotation: &Rotation3<f64>) -> Vector3<f64> {
     let q = UnitQuaternion::from_rotation_matrix(rotation);
     let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
     let axis = sign * q.imag();

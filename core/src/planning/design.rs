@@ -32,18 +32,22 @@ pub struct Design<const ROWS: usize> {
     /// Jᵀ of the members.
     columns: DMatrix<f64>,
     /// J·A·Jᵀ of each member.
-    spread: Vec<Square<ROWS>>,
+    predicted_covariance: Vec<Square<ROWS>>,
     /// J·A·W·A·Jᵀ of each member.
-    worth: Vec<Square<ROWS>>,
+    gain_matrix: Vec<Square<ROWS>>,
     prior: DMatrix<f64>,
     covariance: DMatrix<f64>,
-    interest: DMatrix<f64>,
+    workspace_information: DMatrix<f64>,
     chosen: Vec<usize>,
 }
 
 impl<const ROWS: usize> Design<ROWS> {
     /// A design with nothing selected. `rows` has `ROWS` rows per candidate, `prior` is the prior information, `interest` is W.
-    pub fn new(rows: &DMatrix<f64>, prior: &DMatrix<f64>, interest: &DMatrix<f64>) -> Self {
+    pub fn new(
+        rows: &DMatrix<f64>,
+        prior: &DMatrix<f64>,
+        workspace_information: &DMatrix<f64>,
+    ) -> Self {
         let n = prior.nrows();
         let covariance = inverse(prior.clone()).unwrap_or_else(|| DMatrix::identity(n, n));
         let members = (0..rows.nrows() / ROWS).collect();
@@ -51,11 +55,11 @@ impl<const ROWS: usize> Design<ROWS> {
             candidates: rows.transpose(),
             members,
             columns: DMatrix::zeros(n, 0),
-            spread: vec![],
-            worth: vec![],
+            predicted_covariance: vec![],
+            gain_matrix: vec![],
             prior: prior.clone(),
             covariance,
-            interest: interest.clone(),
+            workspace_information: workspace_information.clone(),
             chosen: vec![],
         };
         design.rebuild();
@@ -89,7 +93,7 @@ impl<const ROWS: usize> Design<ROWS> {
 
     /// Number of combinations that move the tool, without those that are known already.
     fn n_unknown(&self) -> usize {
-        let moves = self.interest.symmetric_eigenvalues();
+        let moves = self.workspace_information.symmetric_eigenvalues();
         let least = MOVES * moves.max();
         let n_moving = moves.iter().filter(|value| **value > least).count();
         let known = self.prior.symmetric_eigenvalues();
@@ -144,24 +148,29 @@ impl<const ROWS: usize> Design<ROWS> {
                 .enumerate()
                 .filter(|(at, _)| *at != slot)
                 .map(|(_, candidate)| *candidate);
-            inverse(self.information(others))
-                .map_or(f64::INFINITY, |covariance| covariance.dot(&self.interest))
+            inverse(self.information(others)).map_or(f64::INFINITY, |covariance| {
+                covariance.dot(&self.workspace_information)
+            })
         };
-        let worth: Vec<f64> = (0..self.chosen.len()).map(without).collect();
-        if let Some(slot) = (0..worth.len()).min_by(|a, b| worth[*a].total_cmp(&worth[*b])) {
+        let gain_matrix: Vec<f64> = (0..self.chosen.len()).map(without).collect();
+        if let Some(slot) =
+            (0..gain_matrix.len()).min_by(|a, b| gain_matrix[*a].total_cmp(&gain_matrix[*b]))
+        {
             self.chosen.remove(slot);
             self.refresh();
         }
     }
 
     fn criterion(&self) -> f64 {
-        self.covariance.dot(&self.interest)
+        self.covariance.dot(&self.workspace_information)
     }
 
     /// The criterion computed directly from the selected candidates and optionally one more, for cases in which an update would be only rounding.
     fn exact_criterion(&self, more: Option<usize>) -> f64 {
         let covariance = inverse(self.information(self.chosen.iter().copied().chain(more)));
-        covariance.map_or(f64::INFINITY, |covariance| covariance.dot(&self.interest))
+        covariance.map_or(f64::INFINITY, |covariance| {
+            covariance.dot(&self.workspace_information)
+        })
     }
 
     /// The candidate that lowers the criterion most, and the decrease: tr((I + J·A·Jᵀ)⁻¹·J·A·W·A·Jᵀ).
@@ -177,11 +186,16 @@ impl<const ROWS: usize> Design<ROWS> {
     }
 
     fn gains(&self) -> Vec<f64> {
-        let gain = |(spread, worth): (&Square<ROWS>, &Square<ROWS>)| {
-            let k = spread + Square::identity();
-            k.try_inverse().map_or(0.0, |inverse| inverse.dot(worth))
+        let gain = |(predicted_covariance, gain_matrix): (&Square<ROWS>, &Square<ROWS>)| {
+            let k = predicted_covariance + Square::identity();
+            k.try_inverse()
+                .map_or(0.0, |inverse| inverse.dot(gain_matrix))
         };
-        self.spread.iter().zip(&self.worth).map(gain).collect()
+        self.predicted_covariance
+            .iter()
+            .zip(&self.gain_matrix)
+            .map(gain)
+            .collect()
     }
 
     /// Adds or removes a candidate: A' = A − U·C·Uᵀ with U = A·Jᵀ, C = (I + J·U)⁻¹, or −(I − J·U)⁻¹.
@@ -196,26 +210,29 @@ impl<const ROWS: usize> Design<ROWS> {
         }
         let of_candidate = self.candidates.fixed_columns::<ROWS>(ROWS * candidate);
         let u = &self.covariance * of_candidate;
-        let spread: Square<ROWS> = of_candidate.tr_mul(&u);
+        let predicted_covariance: Square<ROWS> = of_candidate.tr_mul(&u);
         let core = if is_added {
-            Square::identity() + spread
+            Square::identity() + predicted_covariance
         } else {
-            spread - Square::identity()
+            predicted_covariance - Square::identity()
         };
         let Some(c) = core.try_inverse() else {
             return self.refresh();
         };
-        let through = &self.interest * &u;
+        let through = &self.workspace_information * &u;
         let v = &self.covariance * &through;
         let s: Square<ROWS> = u.tr_mul(&through);
         let (e, f) = (self.columns.tr_mul(&u), self.columns.tr_mul(&v));
-        let members = self.spread.iter_mut().zip(&mut self.worth);
-        for (i, (spread, worth)) in members.enumerate() {
+        let members = self
+            .predicted_covariance
+            .iter_mut()
+            .zip(&mut self.gain_matrix);
+        for (i, (predicted_covariance, gain_matrix)) in members.enumerate() {
             let e = e.fixed_view::<ROWS, ROWS>(ROWS * i, 0);
             let f = f.fixed_view::<ROWS, ROWS>(ROWS * i, 0);
             let ec = e * c;
-            *spread -= ec * e.transpose();
-            *worth += (ec * s * c - f * c) * e.transpose() - ec * f.transpose();
+            *predicted_covariance -= ec * e.transpose();
+            *gain_matrix += (ec * s * c - f * c) * e.transpose() - ec * f.transpose();
         }
         self.covariance -= &u * c * u.transpose();
     }
@@ -256,9 +273,9 @@ impl<const ROWS: usize> Design<ROWS> {
         let of_member = |member: &usize| ROWS * member..ROWS * (member + 1);
         let columns: Vec<usize> = self.members.iter().flat_map(of_member).collect();
         self.columns = self.candidates.select_columns(&columns);
-        let wawa = &self.covariance * &self.interest * &self.covariance;
-        self.spread = quadratic(&self.columns, &self.covariance);
-        self.worth = quadratic(&self.columns, &wawa);
+        let wawa = &self.covariance * &self.workspace_information * &self.covariance;
+        self.predicted_covariance = quadratic(&self.columns, &self.covariance);
+        self.gain_matrix = quadratic(&self.columns, &wawa);
     }
 }
 

@@ -127,7 +127,7 @@ fn choose(
     prior: &DMatrix<f64>,
     workspace: &[Vec<f64>],
 ) -> Vec<Vec<usize>> {
-    let interest = tool.mean_position_information(workspace);
+    let workspace_information = tool.mean_position_information(workspace);
     let rows: Vec<DMatrix<f64>> = candidates
         .iter()
         .map(|of_set_up| tool.measured_rows(&of_set_up.all_q_model(request)))
@@ -144,9 +144,9 @@ fn choose(
             let rows = &rows[set_up];
             let n = wanted.n_configurations - wanted.n_repeated();
             chosen[set_up] = if request.is_of_poses {
-                Design::<6>::new(rows, &known, &interest).choose(n)
+                Design::<6>::new(rows, &known, &workspace_information).choose(n)
             } else {
-                Design::<3>::new(rows, &known, &interest).choose(n)
+                Design::<3>::new(rows, &known, &workspace_information).choose(n)
             };
         }
     }

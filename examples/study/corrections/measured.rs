@@ -69,7 +69,10 @@ pub fn tables() {
         "| set | identified, verified | nominal, mm rms | links | with corrections | kept |\n|---|---|---|---|---|---|"
     );
     let folder = root.join("motoman_ma1400");
-    let (_, motoman, both) = robots(&root).swap_remove(1);
+    let (_, motoman, both) = robots(&root)
+        .into_iter()
+        .find(|(name, ..)| *name == "motoman_ma1400")
+        .expect("a measured robot");
     for (first, second) in [("visit_1", "visit_2"), ("visit_2", "visit_1")] {
         let mut request =
             CalibrationRequest::new(motoman.clone(), set(&folder.join(format!("{first}.csv"))));

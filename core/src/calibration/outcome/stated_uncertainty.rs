@@ -6,7 +6,7 @@ use crate::calibration::report::{SubsetErrors, Warning};
 use crate::calibration::solve::most_probable::Held;
 use crate::identification::KinematicModel;
 use crate::identification::least_squares::start::fit_base_and_targets;
-use crate::identification::model::objective::{Observation, counting, rms_mm};
+use crate::identification::model::objective::{Observation, rms_mm, with_weight};
 use crate::identification::model::parameters::{Parameter, complete_parameters, deviation_from};
 use crate::identification::statistics::misfit::{Following, HARMONICS, Misfit, gravity_directions};
 use crate::identification::statistics::uncertainty::{Session, Uncertainty, uncertainty};
@@ -28,7 +28,7 @@ pub fn estimated(
         return None;
     }
     let clusters = problem.observed.clusters(Subset::Identify);
-    let counting: Vec<usize> = (0..clusters.len())
+    let with_weight: Vec<usize> = (0..clusters.len())
         .filter(|i| problem.identify[*i].weight > 0.0)
         .collect();
     let points = problem.loss.as_squares(model, &problem.identify);
@@ -42,14 +42,14 @@ pub fn estimated(
             .map(|x| x.to_bits())
             .collect()
     };
-    let counting: Vec<usize> = counting
+    let with_weight: Vec<usize> = with_weight
         .into_iter()
         .filter(|i| known.insert((problem.identify[*i].target, bits(&problem.identify[*i]))))
         .collect();
-    let observations: Vec<Observation> = counting.iter().map(|i| points[*i].clone()).collect();
-    let configurations: Vec<usize> = counting.iter().map(|i| clusters[*i]).collect();
+    let observations: Vec<Observation> = with_weight.iter().map(|i| points[*i].clone()).collect();
+    let configurations: Vec<usize> = with_weight.iter().map(|i| clusters[*i]).collect();
     let of_identify = problem.stations_to_identify();
-    let stations: Vec<Option<usize>> = counting.iter().map(|i| of_identify[*i]).collect();
+    let stations: Vec<Option<usize>> = with_weight.iter().map(|i| of_identify[*i]).collect();
     let held: Vec<Held> = match &problem.priors {
         Some(known) => {
             let at_bounds = known.priors.at_bounds(model).into_iter();
@@ -125,7 +125,7 @@ pub fn with_found_misfit(of_links: ToolUncertainty, identify: &SubsetErrors) -> 
 /// Why the tool's uncertainty is useless: the nominal robot, with base and targets fitted to the points, is closer than this uncertainty.
 pub fn useless_uncertainty_reason(problem: &Problem<'_>, tool: &ToolUncertainty) -> Option<String> {
     let n_targets = problem.screening.targets.len();
-    let points = counting(&problem.trusted());
+    let points = with_weight(&problem.trusted());
     let links = &problem.request.robot.links;
     let nominal_mm = rms_mm(&fit_base_and_targets(links, &points, n_targets), &points);
     // A NaN fails this comparison, so it counts as useless.
@@ -165,7 +165,7 @@ pub fn no_redundancy_warning(problem: &Problem<'_>) -> Option<Warning> {
 /// Number of equations and rank, if there are no more equations than the rank. Repeated poses do not add equations: they show only the repeatability.
 pub fn without_redundancy(problem: &Problem<'_>) -> Option<(usize, usize)> {
     let rank = problem.decomposition.rank();
-    let equations = n_equations(&counting(&problem.identify), rank + 1);
+    let equations = n_equations(&with_weight(&problem.identify), rank + 1);
     (equations <= rank).then_some((equations, rank))
 }
 

@@ -12,7 +12,7 @@ use crate::identification::screening::backlash::Backlash;
 use crate::identification::screening::columns::Columns;
 use crate::identification::screening::drift::Drift;
 use crate::identification::screening::outliers::{Linearised, Outliers, ROUNDING_PER_REACH};
-use crate::identification::screening::row_order::InOrder;
+use crate::identification::screening::row_order::OrderedPoints;
 use crate::identification::screening::settling::SharedErrors;
 use crate::identification::screening::whitening::Whitener;
 use crate::identification::statistics::misfit::{Misfit, gravity_directions};
@@ -167,7 +167,7 @@ pub(super) fn session_errors(
     let rows: Vec<usize> = order.iter().flat_map(|p| 3 * p..3 * p + 3).collect();
     let all_clusters = observed.all_clusters();
     let points = || order.iter().map(|p| &observed.all[*p]);
-    let points = InOrder {
+    let points = OrderedPoints {
         linear: fit.linear.of(order),
         features: fit.features.select_rows(&rows),
         joints: order.iter().map(|p| fit.columns.joints(*p)).collect(),
@@ -180,7 +180,7 @@ pub(super) fn session_errors(
         watch,
     };
     let play = points.backlash();
-    let beside_play = InOrder {
+    let beside_play = OrderedPoints {
         linear: points.linear.with(&play.columns),
         ..points
     };

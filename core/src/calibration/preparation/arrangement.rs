@@ -165,12 +165,12 @@ impl Arrangement {
             });
         }
         (self.setups, self.motions) = (setups, motions);
-        self.rest();
+        self.set_reference();
     }
 
     /// Makes the motion of the reference set-up the identity.
-    pub fn rest(&mut self) {
-        let at = self.resting();
+    pub fn set_reference(&mut self) {
+        let at = self.reference_setup();
         let back = self.motions[at].inverse();
         self.motions.iter_mut().enumerate().for_each(|(i, m)| {
             *m = if i == at {
@@ -182,7 +182,7 @@ impl Arrangement {
     }
 
     /// The reference set-up: the other set-ups are transformed into its frame.
-    pub fn resting(&self) -> usize {
+    pub fn reference_setup(&self) -> usize {
         let point = if self.is_last_reference {
             self.order.last()
         } else {
@@ -255,7 +255,10 @@ pub fn with_moved_targets(
 }
 
 /// Rigid motion that best maps predicted to measured points: the placement of a set-up.
-pub fn standing(model: &KinematicModel, observations: &[Observation]) -> IsometryMatrix3<f64> {
+pub fn setup_placement(
+    model: &KinematicModel,
+    observations: &[Observation],
+) -> IsometryMatrix3<f64> {
     let predicted: Vec<Vector3<f64>> = observations
         .iter()
         .map(|o| model.position(&o.q_rad, o.target))

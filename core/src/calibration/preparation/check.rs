@@ -5,7 +5,7 @@ use crate::calibration::preparation::equations::{generic_jacobian, model_rank, n
 use crate::calibration::preparation::observe::{
     DEFAULT_VERIFY_FRACTION, free_parameters, nominal_model, observe, with_target_rotations,
 };
-use crate::calibration::request::{CalibrationRequest, Method, Model, VerifySource};
+use crate::calibration::request::{CalibrationRequest, Loss, Method, Model, Preset, VerifySource};
 use crate::calibration::settings::settings;
 use crate::calibration::settings::{box_too_small, half_widths};
 use crate::calibration::validation::enough_points::check_verify_set;
@@ -28,11 +28,12 @@ const MAX_POINT_EVALUATIONS: usize = 100_000_000_000;
 /// The checks of `calibrate` that need no fit. They also run when a job is posted.
 ///
 /// # Errors
-/// [`Error::Unusable`] with code `poses_not_supported`, `frames_required`, `model_mismatch`, `no_network`, `network_mismatch`,
+/// [`Error::Unusable`] with code `poses_not_supported`, `loss_not_supported`, `frames_required`, `model_mismatch`, `no_network`, `network_mismatch`,
 /// `unknown_parameter`, `bad_subset`, `target_without_identify_points`, `under_determined`, `nothing_to_identify`, `too_much_work`,
 /// `search_box_too_small`, `verify_overlaps_identify`.
 pub fn check(request: &CalibrationRequest) -> Result<(), Error> {
     check_poses(request)?;
+    check_loss(request)?;
     check_model(request)?;
     let observed = observe(request)?;
     let n_targets = n_targets(request);
@@ -88,6 +89,16 @@ fn check_poses(request: &CalibrationRequest) -> Result<(), Error> {
         Method::Auto | Method::LeastSquares => return Ok(()),
     };
     Err(unusable("poses_not_supported", refused))
+}
+
+/// Refuses robust losses with the paper's preset: it has no screening, which gives a robust loss its scale.
+fn check_loss(request: &CalibrationRequest) -> Result<(), Error> {
+    let loss = request.options.loss.unwrap_or(Loss::Squares);
+    if request.preset != Preset::Paper || loss == Loss::Squares {
+        return Ok(());
+    }
+    let detail = "preset \"paper\" minimises the sum of squares: leave options.loss out, or choose preset \"default\"";
+    Err(unusable("loss_not_supported", detail))
 }
 
 /// True if the request may start from this network: trained on the same model and link parameters.
@@ -194,9 +205,9 @@ fn identify_share(request: &CalibrationRequest) -> f64 {
 /// Refuses sets whose reference station has too few configurations. An error of its base would change every link and show at no point.
 fn check_stations(request: &CalibrationRequest, subsets: &[Subset]) -> Result<(), Error> {
     let arrangement = Arrangement::of(request);
-    let resting = arrangement.resting();
+    let reference_setup = arrangement.reference_setup();
     let is_fitted = |point: &usize| {
-        arrangement.setups[*point] == resting && subsets[*point] == Subset::Identify
+        arrangement.setups[*point] == reference_setup && subsets[*point] == Subset::Identify
     };
     let fitted = (0..subsets.len())
         .filter(is_fitted)
@@ -213,7 +224,7 @@ fn check_stations(request: &CalibrationRequest, subsets: &[Subset]) -> Result<()
     let station = arrangement
         .setups
         .iter()
-        .position(|setup| *setup == resting)
+        .position(|setup| *setup == reference_setup)
         .and_then(|point| request.set.points[point].station.as_deref());
     let detail = format!(
         "positions of all stations are brought into the frame of {frame} as the {place} station, {:?}, has it, and that one has {n} configurations to \

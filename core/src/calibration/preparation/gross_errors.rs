@@ -46,7 +46,7 @@ pub(super) fn without_gross(
         let known: BTreeSet<usize> = gross.iter().copied().collect();
         let rest = arrangement.order.iter().filter(|p| !known.contains(p));
         let rest: Vec<usize> = rest.copied().collect();
-        let lone = lone_suspects(observed, &rest, outliers.as_ref(), MIN_MOVED);
+        let lone = isolated_outliers(observed, &rest, outliers.as_ref(), MIN_MOVED);
         let lone: BTreeSet<usize> = lone.into_iter().collect();
         let together = outlying_together(observed, &rest, outliers.as_ref());
         let together: BTreeSet<usize> = together.into_iter().collect();
@@ -98,7 +98,7 @@ fn outlying_together(
 /// Suspects that are isolated among the points of their target, in measuring order, or that deviate by more than twice the median of their
 /// segment. A reflector that slipped gives a whole segment of suspects with similar deviations, because the other reflectors determine the
 /// fit. Such a segment is not returned, because outliers would hide the step.
-pub(super) fn lone_suspects(
+pub(super) fn isolated_outliers(
     observed: &Observed,
     order: &[usize],
     outliers: Option<&Outliers>,

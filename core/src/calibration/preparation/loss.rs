@@ -2,6 +2,7 @@
 
 use crate::calibration::preparation::screening::{Screening, loss};
 use crate::calibration::request::{CalibrationRequest, Loss};
+use crate::calibration::{Error, unusable};
 use crate::identification::KinematicModel;
 use crate::identification::least_squares::estimate::FitSummary;
 use crate::identification::model::objective::{Observation, squared_rows_mm2};
@@ -35,19 +36,22 @@ pub enum PointLoss {
 
 impl PointLoss {
     /// The requested loss, with the scale from the screening.
-    pub fn of(request: &CalibrationRequest, screening: &Screening) -> Self {
+    ///
+    /// # Errors
+    /// [`Error::Unusable`] with code `too_few_points_for_loss` if a robust loss was requested and the screening found no scale.
+    pub fn of(request: &CalibrationRequest, screening: &Screening) -> Result<Self, Error> {
+        let loss = match loss(request, screening) {
+            Loss::Squares => return Ok(Self::Squares),
+            Loss::Huber => losses::Loss::Huber { k: HUBER_K_95 },
+            Loss::Tukey => losses::Loss::Tukey { c: TUKEY_C_95 },
+        };
         let scale_mm = screening.scale_mm;
-        match loss(request, screening) {
-            Loss::Squares => Self::Squares,
-            Loss::Huber => Self::Bounded {
-                loss: losses::Loss::Huber { k: HUBER_K_95 },
-                scale_mm,
-            },
-            Loss::Tukey => Self::Bounded {
-                loss: losses::Loss::Tukey { c: TUKEY_C_95 },
-                scale_mm,
-            },
+        if scale_mm <= 0.0 {
+            let detail = "too few points for a robust loss: nothing shows the scatter of the points, beyond which the loss would limit their \
+                          influence. Leave options.loss out, or measure more poses";
+            return Err(unusable("too_few_points_for_loss", detail));
         }
+        Ok(Self::Bounded { loss, scale_mm })
     }
 
     /// The loss for the swarm's kernel. Tukey's loss is flat beyond a few standard deviations, where a swarm starts, so the swarm uses
@@ -116,13 +120,13 @@ impl PointLoss {
             .iter()
             .map(|e| e / scale_mm)
             .collect();
-        let counting = observations.iter().filter(|o| o.weight > 0.0).count() as f64;
+        let with_weight = observations.iter().filter(|o| o.weight > 0.0).count() as f64;
         let slopes = observations
             .iter()
             .zip(&lengths)
             .filter(|(o, _)| o.weight > 0.0)
             .map(|(_, s)| loss.mean_slope(*s));
-        let mean_slope = slopes.sum::<f64>() / counting.max(1.0);
+        let mean_slope = slopes.sum::<f64>() / with_weight.max(1.0);
         if !(scale_mm > 0.0 && mean_slope > SMALLEST_SLOPE) {
             return observations.to_vec();
         }

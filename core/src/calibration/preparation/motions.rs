@@ -2,7 +2,7 @@
 
 use crate::calibration::Error;
 use crate::calibration::preparation::arrangement::{
-    Arrangement, FittedTargets, MIN_OF_SETUP, motion, standing, with_moved_targets,
+    Arrangement, FittedTargets, MIN_OF_SETUP, motion, setup_placement, with_moved_targets,
 };
 use crate::calibration::preparation::observe::{
     Observed, free_parameters, nominal_model, placed, with_target_rotations,
@@ -49,10 +49,10 @@ fn n_of(arrangement: &Arrangement, points: &[usize], setup: usize) -> usize {
 fn moving(arrangement: &Arrangement, points: &[usize]) -> Vec<usize> {
     let n_of = |setup: usize| n_of(arrangement, points, setup);
     let in_reverse = arrangement.order.iter().rev();
-    let held = std::iter::once(arrangement.resting())
+    let held = std::iter::once(arrangement.reference_setup())
         .chain(in_reverse.map(|point| arrangement.setups[*point]))
         .find(|setup| n_of(*setup) >= MIN_OF_SETUP)
-        .unwrap_or(arrangement.resting());
+        .unwrap_or(arrangement.reference_setup());
     (0..arrangement.motions.len())
         .filter(|setup| *setup != held && n_of(*setup) > 0)
         .collect()
@@ -124,10 +124,10 @@ pub fn place_setups(
         .unwrap_or(0);
     let model = nominal_model(request, &of(largest), request.set.n_targets());
     let motions: Vec<_> = (0..n_setups)
-        .map(|setup| standing(&model, &of(setup)).inverse())
+        .map(|setup| setup_placement(&model, &of(setup)).inverse())
         .collect();
     arrangement.motions = motions;
-    arrangement.rest();
+    arrangement.set_reference();
     fit_motions(request, observed, arrangement, None, watch).map(|_| ())
 }
 
@@ -158,6 +158,7 @@ pub fn fit_motions(
     };
     let parameters = with_target_rotations(parameters, &fitted_of(observed));
     let (mut nominal, mut model) = (None, None);
+    let stated_std_mm = request.set.stated_position_std_mm();
     for _ in 0..MOTION_FITS {
         arrangement.apply(observed);
         if subset.is_some() && !has_motions {
@@ -167,9 +168,14 @@ pub fn fit_motions(
         let nominal =
             &*nominal.get_or_insert_with(|| nominal_model(request, &fitted, targets.len()));
         let start = model.take().unwrap_or_else(|| {
-            best_start(nominal, None, &parameters, &fitted, &|links, points| {
-                placed(request, links, points, targets.len())
-            })
+            best_start(
+                nominal,
+                None,
+                &parameters,
+                &fitted,
+                stated_std_mm,
+                &|links, points| placed(request, links, points, targets.len()),
+            )
             .model
         });
         let rows = Problem::new(nominal.clone(), &parameters, &fitted);

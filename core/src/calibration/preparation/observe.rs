@@ -6,7 +6,7 @@ use crate::calibration::{Error, unusable};
 use crate::identification::KinematicModel;
 use crate::identification::least_squares::problem::usual_mm_per_rad;
 use crate::identification::least_squares::start::{fit_base_and_targets, fit_targets};
-use crate::identification::model::objective::{Observation, counting, posed_targets};
+use crate::identification::model::objective::{Observation, posed_targets, with_weight};
 use crate::identification::model::parameters::{
     Parameter, complete_parameters, paper_parameters, target_rotation_parameters,
 };
@@ -301,7 +301,7 @@ pub fn nominal_model(
     if let (Model::Paper, Some(frames), Some(last)) = (request.model(), frames, links.last_mut()) {
         last.d_mm += frames.z_tool_mm;
     }
-    placed(request, links, &counting(identify), n_targets)
+    placed(request, links, &with_weight(identify), n_targets)
 }
 
 /// A robot with these links. Base and targets are fitted where the request's model and frame leave them unknown.

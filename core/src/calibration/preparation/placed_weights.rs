@@ -70,8 +70,8 @@ pub fn weigh_placed(
     };
     let precisions: Vec<f64> = set.points.iter().map(precision).collect();
     let weights = relative_weights(&precisions, |row| observed.all[row].weight > 0.0);
-    let counting = observed.all.iter_mut().zip(weights);
-    for (o, weight) in counting.filter(|(o, _)| o.weight > 0.0) {
+    let with_weight = observed.all.iter_mut().zip(weights);
+    for (o, weight) in with_weight.filter(|(o, _)| o.weight > 0.0) {
         o.weight = weight;
     }
     let freedom = (3 * turned.len()) as f64 - n_angles as f64;

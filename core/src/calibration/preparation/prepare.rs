@@ -46,7 +46,7 @@ impl<'a> Problem<'a> {
                 "the measured positions depend on none of the free parameters: free others as well",
             ));
         }
-        let loss = PointLoss::of(request, &screening);
+        let loss = PointLoss::of(request, &screening)?;
         let (settings, priors) = (settings(request), None);
         let mut problem = Self {
             request,

@@ -19,7 +19,7 @@ use crate::identification::least_squares::evidence::{
 use crate::identification::least_squares::linearisation::decomposition_at;
 use crate::identification::least_squares::multistart::{BestStart, best_start};
 use crate::identification::least_squares::problem::{self, USUAL_ANGLE_RAD, usual_length_mm};
-use crate::identification::model::objective::{Observation, counting};
+use crate::identification::model::objective::{Observation, with_weight};
 use crate::identification::model::parameters::Parameter;
 use crate::measurement::position_noise::PositionNoise;
 use crate::measurement::{MeasurementSet, Point, Subset};
@@ -71,7 +71,14 @@ pub fn start_of_poses(problem: &Problem<'_>) -> BestStart {
     let is_of_position = |p: &&Parameter| !matches!(p, Parameter::TargetRotation(..));
     let parameters = problem.parameters.iter().filter(is_of_position);
     let parameters: Vec<Parameter> = parameters.copied().collect();
-    best_start(&problem.nominal, None, &parameters, &positions, &placed)
+    best_start(
+        &problem.nominal,
+        None,
+        &parameters,
+        &positions,
+        problem.request.set.stated_position_std_mm(),
+        &placed,
+    )
 }
 
 /// True if the noise of a set's positions is weighed by direction. The swarms and the paper's preset have one weight per point.
@@ -85,7 +92,7 @@ pub(super) fn uneven_noise(point: &Point) -> Option<&PositionNoise> {
     point
         .position_noise
         .as_ref()
-        .filter(|noise| !noise.is_alike())
+        .filter(|noise| !noise.is_isotropic())
 }
 
 /// Weighs the points of a problem, including those to verify, and recomputes the decomposition. Does nothing for positions without poses and without
@@ -113,10 +120,7 @@ pub fn weigh(problem: &mut Problem<'_>, watch: &Watch<'_>) -> Result<(), Error> 
     for _ in 0..ROUNDS {
         apply(problem, &noise, is_by_direction);
         // With a robust loss, gross errors remain in the fit. The noise is estimated from the other points.
-        let points = match is_by_direction {
-            true => problem.trusted(),
-            false => problem.identify.clone(),
-        };
+        let points = problem.trusted();
         let rows = problem.rows(&points, &[]);
         let go_on = &mut |_| match watch.goes_on() {
             true => ControlFlow::Continue(()),
@@ -155,8 +159,8 @@ pub fn weigh(problem: &mut Problem<'_>, watch: &Watch<'_>) -> Result<(), Error> 
     }
     // The nominal robot ("before") is placed with the same weights as the identified robot.
     let links = problem.nominal.links.clone();
-    let counting = counting(&problem.identify);
-    problem.nominal = placed(problem.request, links, &counting, n_targets);
+    let with_weight = with_weight(&problem.identify);
+    problem.nominal = placed(problem.request, links, &with_weight, n_targets);
     problem.decomposition = decomposition_at(
         &problem.nominal,
         &problem.parameters,
@@ -288,12 +292,12 @@ fn classes(
         .map(|(_, point)| point);
     let mut classes = [Class::default(), Class::default()];
     let mut row = 0;
-    let counting = weighed
+    let with_weight = weighed
         .points
         .iter()
         .zip(points)
         .filter(|(o, _)| o.weight > 0.0);
-    for (o, point) in counting {
+    for (o, point) in with_weight {
         let (position_mm, rotation_rad) = stated(point);
         let uneven = uneven_noise(point).filter(|_| weighed.is_by_direction);
         let mut add = |class: usize, root: f64, stated: f64, uneven: Option<&PositionNoise>| {
@@ -307,9 +311,9 @@ fn classes(
                     class.squares.push(term);
                 }
                 Some(noise) => {
-                    let stretched = noise.stretched(weighed.noise.position_mm);
+                    let whitening_scales = noise.whitening_scales(weighed.noise.position_mm);
                     class.squares.extend((0..3).map(|axis| {
-                        let along_mm = residuals[row + axis] / (root * stretched[axis]);
+                        let along_mm = residuals[row + axis] / (root * whitening_scales[axis]);
                         let std_mm = noise.std_mm[axis];
                         (along_mm * along_mm, std_mm * std_mm)
                     }));

@@ -7,7 +7,7 @@ use crate::calibration::Error;
 use crate::calibration::preparation::all_fit::{AllFit, SessionErrors, fit_all, session_errors};
 use crate::calibration::preparation::arrangement::{Arrangement, FittedTargets, motion};
 use crate::calibration::preparation::gross_errors::{
-    MAX_SEARCHES, WithoutGross, lone_suspects, without_gross,
+    MAX_SEARCHES, WithoutGross, isolated_outliers, without_gross,
 };
 use crate::calibration::preparation::motions::{fit_motions, place_setups};
 use crate::calibration::preparation::observe::Observed;
@@ -192,7 +192,7 @@ fn search(
         let order = others(&arrangement.order, &gross);
         let belonging = others(&order, &suspects);
         let with_all = find(observed, &fit, &order, watch);
-        let lone = lone_suspects(observed, &order, outliers.as_ref(), 2);
+        let lone = isolated_outliers(observed, &order, outliers.as_ref(), 2);
         let without_lone = (!lone.is_empty() && lone.len() < suspects.len())
             .then(|| find(observed, &fit, &others(&order, &lone), watch));
         let without = if suspects.is_empty() {

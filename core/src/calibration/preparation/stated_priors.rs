@@ -186,6 +186,7 @@ pub fn stated_priors(
         None,
         parameters,
         &trusted,
+        request.set.stated_position_std_mm(),
         &|links, points| placed(request, links, points, problem.screening.targets.len()),
     )
     .model;
@@ -267,8 +268,10 @@ pub fn warnings(problem: &Problem<'_>, model: &KinematicModel) -> Vec<Warning> {
         warnings.push(Warning::new("at_bound", detail));
     }
     let trusted = problem.trusted();
-    let counting = trusted.iter().filter(|o| o.weight > 0.0).count();
-    let freedom = 3.0 * counting as f64 - problem.decomposition.rank() as f64;
+    let with_weight = trusted.iter().filter(|o| o.weight > 0.0).count();
+    let rows = trusted.iter().filter(|o| o.weight > 0.0);
+    let n_rows: usize = rows.map(|o| o.n_rows(model)).sum();
+    let freedom = n_rows as f64 - problem.decomposition.rank() as f64;
     let (with, without) = (cost(model, &trusted), cost(&known.alone, &trusted));
     if freedom < 1.0 {
         return warnings;
@@ -290,7 +293,7 @@ pub fn warnings(problem: &Problem<'_>, model: &KinematicModel) -> Vec<Warning> {
             )
         };
         let all: Vec<String> = known.priors.all.iter().map(says).collect();
-        let rms = |cost: f64| (cost / counting as f64).sqrt();
+        let rms = |cost: f64| (cost / with_weight as f64).sqrt();
         let detail = format!(
             "the points contradict the priors: with them they fit to {:.4} mm rms, without to {:.4} mm: {}",
             rms(with),

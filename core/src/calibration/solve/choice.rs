@@ -52,6 +52,7 @@ fn by_evidence(problem: &Problem<'_>) -> Choice {
             network.as_ref(),
             &problem.parameters,
             &problem.identify,
+            problem.request.set.stated_position_std_mm(),
             &placed,
         ),
     };
@@ -75,7 +76,7 @@ fn by_evidence(problem: &Problem<'_>) -> Choice {
 
 /// If least squares from nominal converges, neither reason nor result depends on whether a network exists.
 fn evidence(best: &BestStart) -> (Method, String) {
-    let left_out = if best.is_pulled_away {
+    let left_out = if best.needed_trimming {
         ", the quarter of them left out that fits worst"
     } else {
         ""
@@ -84,7 +85,7 @@ fn evidence(best: &BestStart) -> (Method, String) {
         "least squares from nominal ended with half of the points within {:.3} mm{left_out}",
         best.from_nominal_mm
     );
-    if best.from_nominal_mm <= best.found_mm && best.is_pulled_away {
+    if best.from_nominal_mm <= best.found_mm && best.needed_trimming {
         return (
             Method::LeastSquares,
             format!("{from_nominal}: from there it converges. Look for wild points"),

@@ -83,9 +83,9 @@ impl Points {
         let rows = (0..problem.observed.all.len())
             .filter(|row| problem.observed.subsets[*row] == Subset::Identify);
         let all = weighted.into_iter().zip(clusters).zip(rows);
-        let counting: Vec<_> = all.filter(|((o, _), _)| o.weight > 0.0).collect();
-        let step = counting.len().div_ceil(MAX_POINTS).max(1);
-        let taken: Vec<_> = counting.into_iter().step_by(step).collect();
+        let with_weight: Vec<_> = all.filter(|((o, _), _)| o.weight > 0.0).collect();
+        let step = with_weight.len().div_ceil(MAX_POINTS).max(1);
+        let taken: Vec<_> = with_weight.into_iter().step_by(step).collect();
         let session = |row: usize| problem.request.set.points[row].session.clone();
         let stations = problem.stations();
         let n_motions = problem.arrangement.motions.len() - 1;

@@ -24,7 +24,7 @@ use crate::compensation::tool_differences;
 use crate::identification::KinematicModel;
 use crate::identification::corrections::Fitted;
 use crate::identification::corrections::corrected::{CorrectedModel, IdentifiedRobot};
-use crate::identification::model::objective::{counting, rms_mm};
+use crate::identification::model::objective::{rms_mm, with_weight};
 use crate::identification::statistics::estimate::{CorrectedErrors, Estimate};
 use crate::identification::statistics::uncertainty::{
     FittedCorrections, Session, Uncertainty, uncertainty,
@@ -131,11 +131,11 @@ pub fn final_fit<'a>(
         plain: delivered(&problem, &model),
         corrected,
     };
-    let counting = counting(&problem.trusted());
+    let with_weight = with_weight(&problem.trusted());
     let moved = tool_differences(&verified.request.robot, &before, &after);
     let errors = FinalErrors {
-        n_points: counting.len(),
-        rms_mm: rms_mm(&model, &counting),
+        n_points: with_weight.len(),
+        rms_mm: rms_mm(&model, &with_weight),
         moved_mm: moved.mean_mm,
     };
     let uncertainty = watched(monitor, |watch| estimated(&problem, &model, watch))?;

@@ -109,7 +109,7 @@ pub fn check_released(
     let mut report = verify(request, Some(released.robot), monitor)?;
     // The test below compares these few points with the errors that the set predicts. A fit to them alone would leave too few equations.
     report.warnings.retain(|w| w.code != MISSES_SESSION);
-    let found = judged(request, released, &report);
+    let found = verdict_of(request, released, &report);
     let code = match found.verdict {
         CheckVerdict::Holds => None,
         CheckVerdict::Changed => Some(CHECK_CHANGED),
@@ -134,11 +134,11 @@ struct Points {
 fn points(request: &CalibrationRequest, plain: &KinematicModel, kept: &Estimate) -> Option<Points> {
     let observed = observe_to_verify(request).all;
     // A camera on the robot measures the position of the board in the camera's frame; this depends on the rotation.
-    let counting = |o: Observation| match o.coupling() {
+    let with_weight = |o: Observation| match o.coupling() {
         Some(_) => o,
         None => o.position_alone(),
     };
-    let mut observations: Vec<Observation> = observed.into_iter().map(counting).collect();
+    let mut observations: Vec<Observation> = observed.into_iter().map(with_weight).collect();
     let nearest = SAME_ROBOT_PER_REACH * reach_mm(&plain.links);
     let is_same = plain.links.len() == kept.model.links.len()
         && observations.iter().all(|o| {
@@ -204,7 +204,7 @@ fn tested(
     Ok((checked, points.is_placed_anew))
 }
 
-fn judged(
+fn verdict_of(
     request: &CalibrationRequest,
     released: &ReleasedSet<'_>,
     report: &CalibrationReport,

@@ -11,8 +11,9 @@ use crate::calibration::validation::session_fit::{
 };
 use crate::calibration::warnings::plausibility;
 use crate::calibration::warnings::refused_upload::advice;
+use crate::identification::least_squares::multistart::STATED_STDS;
 use crate::kinematics::{Link, Robot, reach_mm};
-use crate::measurement::Subset;
+use crate::measurement::{MeasurementSet, Subset};
 use crate::solvers::median::median;
 
 /// Warning: a parameter set is far off at points that fit the nominal robot.
@@ -201,22 +202,22 @@ impl Verdict {
 /// Limit of [`no_fit_mm`]: ten times the error of real arms after identification, as a share of the reach.
 const NO_FIT_PER_REACH: f64 = 1.5e-3;
 
-/// Median distance above which the identification has found nothing, mm.
-pub fn no_fit_mm(nominal: &[Link]) -> f64 {
-    NO_FIT_PER_REACH * reach_mm(nominal)
+/// Median distance above which the identification has found nothing, mm. `set` has the stated noise.
+pub fn no_fit_mm(nominal: &[Link], set: &MeasurementSet) -> f64 {
+    f64::max(
+        NO_FIT_PER_REACH * reach_mm(nominal),
+        STATED_STDS * set.stated_position_std_mm(),
+    )
 }
-
-/// Half of the angles are below this multiple of a stated standard deviation of one component. From noise alone, they are below 1.5 times.
-const STATED_STDS: f64 = 3.0;
 /// Median angle above which the identified robot does not fit measured rotations, rad (2°). It is far above the noise of trackers.
 const NO_FIT_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
 
 /// Warning if the identified robot does not fit the points of its upload, whether fitted or held out: their positions or, for poses, their
-/// rotations. `rotation_std_rad` is the stated noise of one component of a rotation, 0 if none is stated.
+/// rotations.
 pub fn no_fit(
     per_point: &[PointErrors],
     nominal: &[Link],
-    rotation_std_rad: f64,
+    set: &MeasurementSet,
 ) -> Option<Warning> {
     let missed = |error: &dyn Fn(&PointErrors) -> Option<f64>, limit: f64| {
         let of = |subset: Subset| {
@@ -228,8 +229,8 @@ pub fn no_fit(
             None => Some(("the points to verify", of(Subset::Verify)?)),
         }
     };
-    let by_position = missed(&|point| Some(point.after_mm), no_fit_mm(nominal));
-    let no_fit_rad = NO_FIT_RAD.max(STATED_STDS * rotation_std_rad);
+    let by_position = missed(&|point| Some(point.after_mm), no_fit_mm(nominal, set));
+    let no_fit_rad = NO_FIT_RAD.max(STATED_STDS * set.stated_rotation_std_rad());
     let by_rotation = || missed(&|point| Some(point.rotation_rad?[1]), no_fit_rad);
     let detail = if let Some((which, median_mm)) = by_position {
         format!(

@@ -16,7 +16,7 @@ use crate::calibration::validation::errors::RobotAtPoints;
 use crate::identification::KinematicModel;
 use crate::identification::corrections::corrected::IdentifiedRobot;
 use crate::identification::least_squares::start::{fit_base_and_targets, rigid_motion};
-use crate::identification::model::objective::{Observation, counting};
+use crate::identification::model::objective::{Observation, with_weight};
 use crate::kinematics::reach_mm;
 use crate::measurement::Frame;
 use crate::measurement::{MeasurementSet, Subset};
@@ -153,7 +153,7 @@ impl<'a> Layout<'a> {
                 segments,
             };
             placed.observed.subsets.fill(Subset::Verify);
-            let points = counting(&placed.observed.all);
+            let points = with_weight(&placed.observed.all);
             placed.model = fit_base_and_targets(&model.links, &points, placed.segments.len());
             Ok::<_, Error>((placed, arrangement.clone()))
         };
@@ -183,12 +183,12 @@ impl<'a> Layout<'a> {
         if !self.is_placed_anew {
             return placed;
         }
-        placed.robot = placed_anew(robot, &counting(&placed.points));
+        placed.robot = placed_anew(robot, &with_weight(&placed.points));
         for _ in 0..SET_UP_ROUNDS {
             if !self.move_set_ups(&mut placed) {
                 break;
             }
-            placed.robot = placed_anew(robot, &counting(&placed.points));
+            placed.robot = placed_anew(robot, &with_weight(&placed.points));
         }
         placed
     }
@@ -198,10 +198,10 @@ impl<'a> Layout<'a> {
         let Some(corrected) = &placed.robot.corrected else {
             return false;
         };
-        let resting = self.arrangement.resting();
+        let reference_setup = self.arrangement.reference_setup();
         let smallest_mm = FOUND_PER_REACH * reach_mm(&corrected.model.links);
         let mut is_moved = false;
-        for set_up in (0..self.arrangement.motions.len()).filter(|at| *at != resting) {
+        for set_up in (0..self.arrangement.motions.len()).filter(|at| *at != reference_setup) {
             let rows: Vec<usize> = (0..placed.points.len())
                 .filter(|row| self.arrangement.setups[*row] == set_up)
                 .collect();

@@ -156,9 +156,9 @@ fn noise_of(problem: &Problem<'_>, reading: Reading) -> Option<Noise> {
         o
     };
     let trusted = problem.trusted();
-    let counting: Vec<_> = trusted.iter().filter(|o| o.weight > 0.0).collect();
-    let step = counting.len().div_ceil(MAX_POINTS).max(1);
-    let points: Vec<Observation> = counting.into_iter().step_by(step).map(read).collect();
+    let with_weight: Vec<_> = trusted.iter().filter(|o| o.weight > 0.0).collect();
+    let step = with_weight.len().div_ceil(MAX_POINTS).max(1);
+    let points: Vec<Observation> = with_weight.into_iter().step_by(step).map(read).collect();
     let links = &problem.nominal.links;
     let start = fit_base_and_targets(links, &points, problem.screening.targets.len());
     let rows = problem.rows(&points, &[]);

@@ -23,7 +23,7 @@ use crate::identification::least_squares::estimate::{Estimate, estimate};
 use crate::identification::least_squares::evidence::Noise;
 use crate::identification::least_squares::problem::{Kind, Prior, Problem, Variable};
 use crate::identification::least_squares::start::fit_base_and_targets;
-use crate::identification::model::objective::{Observation, counting};
+use crate::identification::model::objective::{Observation, with_weight};
 use crate::identification::model::parameters::{Parameter, Quantity, complete_parameters};
 use crate::identification::statistics::workspace::random_configurations;
 use crate::kinematics::rotation::rotation_log;
@@ -188,9 +188,9 @@ pub fn last_joint_zero_remedy(n_links: usize) -> String {
 
 /// Points with nonzero weight, at most [`MAX_POINTS`] of them.
 fn thinned(observations: Vec<Observation>) -> Vec<Observation> {
-    let counting = counting(&observations);
-    let every = counting.len().div_ceil(MAX_POINTS).max(1);
-    counting.into_iter().step_by(every).collect()
+    let with_weight = with_weight(&observations);
+    let every = with_weight.len().div_ceil(MAX_POINTS).max(1);
+    with_weight.into_iter().step_by(every).collect()
 }
 
 /// Root mean square angle between the flanges of two robots on their anchored bases, over the workspace.

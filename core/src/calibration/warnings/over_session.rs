@@ -8,7 +8,7 @@ use crate::identification::screening::settling::SharedErrors;
 
 pub(super) fn over_session(errors: &SessionErrors) -> impl Iterator<Item = Warning> {
     let played = errors.backlash.iter().map(played);
-    let shared = errors.shared.as_ref().map(err_together);
+    let shared = errors.shared.as_ref().map(share_errors);
     let drifted = errors.drift.as_ref().map(drifted);
     played.chain(shared).chain(drifted)
 }
@@ -16,9 +16,9 @@ pub(super) fn over_session(errors: &SessionErrors) -> impl Iterator<Item = Warni
 fn played(play: &Backlash) -> Warning {
     let names: Vec<String> = play.joints.iter().map(|j| (j + 1).to_string()).collect();
     let joint = names.join(" or ");
-    let (degrees, effect) = (play.play_rad.abs().to_degrees(), play.effect_mm);
+    let (degrees, effect) = (play.backlash_rad.abs().to_degrees(), play.effect_mm);
     let detail = match play.shown_by {
-        ShownBy::Order if play.play_rad < 0.0 => format!(
+        ShownBy::Order if play.backlash_rad < 0.0 => format!(
             "where the pose before has another value of joint {joint}, the arm stands farther on by {degrees:.4}\u{b0} between both sides ({effect:.3} mm, rms of a \
              coordinate): joint values that were read before the arm had settled look like that. Read them once the arm stands still"
         ),
@@ -35,7 +35,7 @@ fn played(play: &Backlash) -> Warning {
     Warning::new("backlash", detail)
 }
 
-fn err_together(shared: &SharedErrors) -> Warning {
+fn share_errors(shared: &SharedErrors) -> Warning {
     let SharedErrors {
         shared_mm,
         own_mm,

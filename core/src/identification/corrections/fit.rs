@@ -74,7 +74,7 @@ pub struct Linear {
     /// The diagonal of Λ, m: Σ (x/S)² = (x − pulled)ᵀ·Λ·(x − pulled) up to a constant.
     pub prior: DVector<f64>,
     /// Λ·pulled, m.
-    pub pull: DVector<f64>,
+    pub prior_gradient: DVector<f64>,
 }
 
 impl<'a> Setting<'a> {
@@ -130,19 +130,22 @@ impl<'a> Setting<'a> {
         for (j, scale) in self.scale.iter().enumerate() {
             by_parameter.column_mut(j).scale_mut(*scale);
         }
-        // Limits a step of poorly observable parameters to their scale.
-        let (mut prior, mut pull) = (DVector::<f64>::repeat(m, 1.0), DVector::<f64>::zeros(m));
+        // Limits a step of poorly observable parameters to their scale. In cross-validation it also limits how far a fit to four parts may move
+        // from the fit to all. Without that limit, measured robots keep fewer corrections and are predicted less well (motoman_ma1400, mean of
+        // eight splits: 0.298 mm in place of 0.292).
+        let (mut prior, mut prior_gradient) =
+            (DVector::<f64>::repeat(m, 1.0), DVector::<f64>::zeros(m));
         for known in self.priors {
             let j = known.parameter;
             let deviation = deviation_from(self.nominal, &at.model, &self.parameters[j]);
             let scale = self.scale[j] / known.std;
             prior[j] += scale * scale;
-            pull[j] += scale * (known.mean - deviation) / known.std;
+            prior_gradient[j] += scale * (known.mean - deviation) / known.std;
         }
         let widths = self.widths(&at.terms);
         for (j, (value, width)) in at.values.iter().zip(widths).enumerate() {
             by_term.column_mut(j).scale_mut(width);
-            pull[p + j] = -value / width;
+            prior_gradient[p + j] = -value / width;
         }
         let mut columns = DMatrix::zeros(residuals.len(), m);
         columns.columns_mut(0, p).copy_from(&by_parameter);
@@ -152,7 +155,7 @@ impl<'a> Setting<'a> {
             residuals,
             columns,
             prior,
-            pull,
+            prior_gradient,
         };
         if !at.motions.is_empty() {
             let base = base_parameters();
@@ -296,7 +299,7 @@ impl Linear {
         let mut posterior = normal;
         posterior.set_diagonal(&(posterior.diagonal() + &self.prior * variance));
         let cholesky = posterior.cholesky()?;
-        let x = cholesky.solve(&(right + &self.pull * variance));
+        let x = cholesky.solve(&(right + &self.prior_gradient * variance));
         x.iter().all(|v| v.is_finite()).then_some((x, cholesky))
     }
 }

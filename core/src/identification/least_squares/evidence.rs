@@ -42,7 +42,7 @@ pub struct Evidence {
     /// σ, standard deviation of a row of weight 1, mm.
     pub sigma_mm: f64,
     /// g, the factor by which the priors of each kind are wider than at the start; at least 1. In the order of [`KINDS`].
-    pub widened: [f64; KINDS.len()],
+    pub prior_growth: [f64; KINDS.len()],
     /// Prior standard deviation of each coordinate.
     pub widths: Vec<f64>,
 }
@@ -148,7 +148,7 @@ impl Evidence {
         };
         Self {
             sigma_mm,
-            widened: [1.0; KINDS.len()],
+            prior_growth: [1.0; KINDS.len()],
             widths: problem.variables.iter().map(|v| width(v.prior)).collect(),
         }
     }
@@ -177,14 +177,14 @@ impl Evidence {
             let (mut squares, mut determined) = (0.0, 0.0);
             for j in (0..x.len()).filter(of_kind) {
                 let coordinate = x[j] + posterior.step[j];
-                let tail = self.widths[j] / self.widened[k];
+                let tail = self.widths[j] / self.prior_growth[k];
                 squares += coordinate * coordinate / (tail * tail);
                 determined += posterior.data_share[j];
             }
             if determined > MIN_DETERMINED {
-                next.widened[k] = (squares / determined).sqrt().max(1.0);
+                next.prior_growth[k] = (squares / determined).sqrt().max(1.0);
             }
-            let g2 = next.widened[k] * next.widened[k];
+            let g2 = next.prior_growth[k] * next.prior_growth[k];
             for j in (0..x.len()).filter(of_kind) {
                 let coordinate = x[j] + posterior.step[j];
                 let expected = coordinate * coordinate + posterior.root.row(j).norm_squared();

@@ -13,6 +13,8 @@ use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 /// Least squares has found the robot if half of the points fit to this share of its reach. This is five times the error of real arms, and
 /// far below the error of a wrong local minimum of the joint offsets.
 const FOUND_PER_REACH: f64 = 1e-3;
+/// Half of the residuals are below this multiple of the stated standard deviation of one component. From noise alone, they are below 1.5 times.
+pub const STATED_STDS: f64 = 3.0;
 /// Maximum number of starts with other joint offsets.
 const STARTS: usize = 40;
 /// Largest joint offset of a start, rad (90°).
@@ -33,7 +35,7 @@ pub struct BestStart {
     /// Median residual at the end of least squares from nominal, mm. If the fit to all points is poor, the worst-fitting points are left out.
     pub from_nominal_mm: f64,
     /// True if the worst-fitting points had to be left out: outliers may have pulled least squares away from the solution.
-    pub is_pulled_away: bool,
+    pub needed_trimming: bool,
     /// Median residual at the end of least squares from the network's stored answer, mm; `None` if nominal was good enough.
     pub from_remembered_mm: Option<f64>,
     /// Median residual at the best end, mm.
@@ -46,11 +48,13 @@ pub struct BestStart {
 
 /// Runs least squares from nominal. If the result is far from the points, even from those that fit best, least squares runs from the stored
 /// answer and then from random joint offsets of up to 90°, until a result fits. Each of these starts is first `placed` on the points.
+/// `stated_std_mm` is the stated noise of one coordinate, 0 if none is stated.
 pub fn best_start(
     nominal: &KinematicModel,
     remembered: Option<&KinematicModel>,
     parameters: &[Parameter],
     observations: &[Observation],
+    stated_std_mm: f64,
     placed: &dyn Fn(Vec<Link>, &[Observation]) -> KinematicModel,
 ) -> BestStart {
     let compared = evenly_taken(observations, nominal.targets_mm.len());
@@ -59,7 +63,10 @@ pub fn best_start(
     } else {
         compared
     };
-    let found_mm = FOUND_PER_REACH * reach_mm(&nominal.links, compared.iter());
+    let found_mm = f64::max(
+        FOUND_PER_REACH * reach_mm(&nominal.links, compared.iter()),
+        STATED_STDS * stated_std_mm,
+    );
     let fitted = |start: &KinematicModel, points: &[Observation]| {
         let problem = Problem::new(nominal.clone(), parameters, points);
         least_squares(&problem, start)
@@ -81,14 +88,14 @@ pub fn best_start(
         (median, model)
     };
     let (mut from_nominal_mm, mut best) = end(nominal);
-    let is_pulled_away = from_nominal_mm > found_mm;
-    if is_pulled_away {
+    let needed_trimming = from_nominal_mm > found_mm;
+    if needed_trimming {
         (from_nominal_mm, best) = concentrated(from_nominal_mm, best);
     }
     let mut found = BestStart {
         model: nominal.clone(),
         from_nominal_mm,
-        is_pulled_away,
+        needed_trimming,
         from_remembered_mm: None,
         best_mm: from_nominal_mm,
         n_starts: 0,
@@ -125,7 +132,7 @@ pub fn best_start(
             (found.best_mm, best) = (median, model);
         }
     }
-    if is_pulled_away {
+    if needed_trimming {
         found.model = best;
     }
     found

@@ -296,8 +296,8 @@ impl<'a> Problem<'a> {
                 flange,
             }
         };
-        let counting = measured.filter(|(o, _)| o.weight > 0.0);
-        let blocks: Vec<Block<'a>> = counting.map(block).collect();
+        let with_weight = measured.filter(|(o, _)| o.weight > 0.0);
+        let blocks: Vec<Block<'a>> = with_weight.map(block).collect();
         let is_posed = blocks.iter().any(|block| block.rows.len() == 6);
         Self {
             reference,

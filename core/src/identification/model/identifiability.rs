@@ -167,23 +167,23 @@ impl Decomposition {
             return (seen, unseen);
         }
         // A prior does not determine a combination that does not contain its parameter, however narrow it is.
-        let said = |row: usize, k: usize| {
+        let prior_rows = |row: usize, k: usize| {
             unseen[(stds[row].0, k)]
                 / stds[row]
                     .1
                     .max(self.scale[stds[row].0])
                     .max(f64::MIN_POSITIVE)
         };
-        let said = DMatrix::from_fn(stds.len(), unseen.ncols(), said);
-        let parted = decompose(said, &vec![1.0; unseen.ncols()], 0.0);
-        let n_said = parted
+        let prior_rows = DMatrix::from_fn(stds.len(), unseen.ncols(), prior_rows);
+        let by_prior = decompose(prior_rows, &vec![1.0; unseen.ncols()], 0.0);
+        let n_prior_rows = by_prior
             .singular_values
             .iter()
             .filter(|s| **s >= MIN_PRIOR_RATIO)
             .count();
-        let turned = unseen * &parted.directions;
-        let known = side_by_side(&[&seen, &turned.columns(0, n_said).into_owned()]);
-        (known, turned.columns_range(n_said..).into_owned())
+        let turned = unseen * &by_prior.directions;
+        let known = side_by_side(&[&seen, &turned.columns(0, n_prior_rows).into_owned()]);
+        (known, turned.columns_range(n_prior_rows..).into_owned())
     }
 
     /// The unobservable combinations, each as the indices of its parameters. The null space is first reduced to echelon form, so that each

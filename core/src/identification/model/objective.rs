@@ -99,7 +99,7 @@ impl Observation {
 }
 
 /// The observations with a weight.
-pub fn counting(observations: &[Observation]) -> Vec<Observation> {
+pub fn with_weight(observations: &[Observation]) -> Vec<Observation> {
     let weighted = observations.iter().filter(|o| o.weight > 0.0);
     weighted.cloned().collect()
 }

@@ -11,7 +11,7 @@
 
 use crate::identification::screening::outliers::Linearised;
 use crate::identification::screening::row_order::{
-    InOrder, by_configuration, holds_in_random_orders,
+    OrderedPoints, by_configuration, holds_in_random_orders,
 };
 use crate::identification::screening::settling::REPEATABILITY_PER_REACH;
 use crate::identification::screening::whitening::Whitened;
@@ -54,7 +54,7 @@ pub struct Backlash {
     /// The joint, and others that explain the points as well; counted from 0.
     pub joints: Vec<usize>,
     /// Difference of the joint's position between both sides, rad. It is positive if the arm lags behind the joint value.
-    pub play_rad: f64,
+    pub backlash_rad: f64,
     /// Effect on a coordinate of a point (rms), mm.
     pub effect_mm: f64,
     /// How it shows.
@@ -95,7 +95,7 @@ impl Scatter {
     }
 }
 
-impl InOrder<'_> {
+impl OrderedPoints<'_> {
     /// The backlash of all joints.
     pub fn backlash(&self) -> Found {
         let n_rows = self.linear.residuals.len();
@@ -203,7 +203,7 @@ impl InOrder<'_> {
                 .into_iter()
                 .chain(others.map(|t| t.joint))
                 .collect(),
-            play_rad: best.coefficient,
+            backlash_rad: best.coefficient,
             effect_mm,
             shown_by: ShownBy::Order,
         };
@@ -335,7 +335,7 @@ impl InOrder<'_> {
         let column = self.column(joint, &self.halves(linear, &poses, joint));
         let backlash = Backlash {
             joints,
-            play_rad: 2.0 * (square / scatter.effect_mm2).sqrt(),
+            backlash_rad: 2.0 * (square / scatter.effect_mm2).sqrt(),
             effect_mm,
             shown_by: ShownBy::Repeats {
                 n_poses: poses.len(),

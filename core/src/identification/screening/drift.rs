@@ -11,7 +11,7 @@
 
 use crate::identification::screening::outliers::Linearised;
 use crate::identification::screening::row_order::{
-    InOrder, by_configuration, holds_in_random_orders, visits,
+    OrderedPoints, by_configuration, holds_in_random_orders, visits,
 };
 use crate::identification::screening::whitening::{Gain, Whitened, Whitener};
 use crate::identification::statistics::distributions::{chi_square_tail, f_tail};
@@ -136,7 +136,7 @@ fn walk_effect(
 }
 
 /// The whitened problem of `linear`. The variances of misfit and random walk are those estimated with all columns of `all`.
-fn beside_walk(
+fn with_random_walk(
     linear: &Linearised,
     all: &Linearised,
     features: &DMatrix<f64>,
@@ -187,7 +187,7 @@ pub fn beside_drift(
         .filter_map(warm_up)
         .max_by(|a, b| a.0.total_cmp(&b.0))?;
     let all = linear.with(&side_by_side(&[&smooth, change]));
-    let problem = beside_walk(&linear.with(&smooth), &all, features, roots, watch)?;
+    let problem = with_random_walk(&linear.with(&smooth), &all, features, roots, watch)?;
     let gain = problem.fitted(change)?.gain;
     let freedom = (3 * roots.len()) as f64 - (problem.n_fitted + change.ncols()) as f64;
     (freedom >= 1.0).then_some(Beside {
@@ -221,7 +221,7 @@ struct Visit {
     n_rows: usize,
 }
 
-impl InOrder<'_> {
+impl OrderedPoints<'_> {
     /// The drift of a session; `None` if none is significant.
     pub fn drift(&self) -> Option<Drift> {
         let n = self.roots.len();
@@ -276,11 +276,11 @@ impl InOrder<'_> {
         let misfit = misfit_ratio(&self.linear.residuals, &self.linear.basis, &self.features);
         let walk = walk(&self.roots, &times);
         let of_walk = walk_effect(&self.linear, &self.features, misfit, &walk);
-        let likelier = of_walk.map_or(0.0, |effect| effect.likelier) / design;
-        let wandering =
-            rows * libm::log(left.max(f64::MIN_POSITIVE)) / design - likelier + libm::log(rows);
+        let likelihood_ratio = of_walk.map_or(0.0, |effect| effect.likelihood_ratio) / design;
+        let wandering = rows * libm::log(left.max(f64::MIN_POSITIVE)) / design - likelihood_ratio
+            + libm::log(rows);
         // Without a random walk, the variance is at its bound [Self & Liang 1987].
-        let by_chance = 0.5 * chi_square_tail(likelier, 1.0);
+        let by_chance = 0.5 * chi_square_tail(likelihood_ratio, 1.0);
         let repeats = self.drift_by_repeats(&times);
         let of_repeats = repeats.as_ref().map_or(1.0, |repeats| repeats.probability);
         let limit = FALSE_ALARMS / N_TESTS;
@@ -342,7 +342,7 @@ impl InOrder<'_> {
         let all = self.linear.with(&columns);
         let probability = || {
             let (linear, features) = (&self.linear, &self.features);
-            let problem = beside_walk(linear, &all, features, &self.roots, self.watch)?;
+            let problem = with_random_walk(linear, &all, features, &self.roots, self.watch)?;
             let gain = problem.fitted(&columns)?.gain;
             let freedom = columns.nrows() as f64 - problem.n_fitted as f64 - 3.0;
             let variance = (problem.residuals.norm_squared() - gain) / freedom

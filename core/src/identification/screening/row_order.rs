@@ -17,7 +17,7 @@ const MIN_ORDERS: usize = 39;
 
 /// Points in measuring order.
 #[derive(Clone)]
-pub struct InOrder<'a> {
+pub struct OrderedPoints<'a> {
     /// The fit to them.
     pub linear: Linearised,
     /// Features of the misfit, 3·N × m.
@@ -40,7 +40,7 @@ pub struct InOrder<'a> {
     pub watch: &'a Watch<'a>,
 }
 
-impl InOrder<'_> {
+impl OrderedPoints<'_> {
     /// Some of the points, in the given order.
     pub fn of(&self, points: &[usize]) -> Self {
         fn some<T: Copy>(all: &[T], points: &[usize]) -> Vec<T> {

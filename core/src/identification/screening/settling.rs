@@ -8,7 +8,7 @@
 //! A rotation by δ moves targets differently, so the scatter about the means of visits is not the noise of a point. The random effect
 //! separates the two.
 
-use crate::identification::screening::row_order::{InOrder, visits};
+use crate::identification::screening::row_order::{OrderedPoints, visits};
 use crate::identification::screening::whitening::Whitener;
 use crate::identification::statistics::variance::{RandomEffect, misfit_ratio, random_effect};
 use nalgebra::DMatrix;
@@ -58,7 +58,7 @@ fn of_visits<'a>(
     columns
 }
 
-impl InOrder<'_> {
+impl OrderedPoints<'_> {
     /// The errors that points of one visit share; `None` if none are significant and large.
     pub fn shared_errors(&self) -> Option<SharedErrors> {
         let several = visits(&self.clusters).into_iter().filter(|v| v.len() > 1);
@@ -91,7 +91,7 @@ impl InOrder<'_> {
         let by_joints = effect(&joints)?;
         let by_shifts = effect(&shifts)?;
         let (found, columns, is_of_joints): (RandomEffect, DMatrix<f64>, bool) =
-            match by_joints.likelier > by_shifts.likelier {
+            match by_joints.likelihood_ratio > by_shifts.likelihood_ratio {
                 true => (by_joints, joints, true),
                 false => (by_shifts, shifts, false),
             };

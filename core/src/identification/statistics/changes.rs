@@ -183,16 +183,16 @@ fn whitened(before: &Estimate, after: &Estimate, common: &[Common]) -> Option<Wh
         square(&rows(v.of_noise.clone(), &at_after)),
     ];
     let (pulled, moved) = (
-        rows(known.pull(u, &known.before), &at_before),
-        rows(known.pull(v, &known.after), &at_after),
+        rows(known.prior_gain(u, &known.before), &at_before),
+        rows(known.prior_gain(v, &known.after), &at_after),
     );
-    let pull = square(&(&moved - &pulled));
+    let prior_gain = square(&(&moved - &pulled));
     let effects = DMatrix::from_fn(common.len(), common.len(), |i, j| {
         v.shown(at_after[i], at_after[j]) * scale[j] / scale[i]
     });
     let unresolved =
         DMatrix::from_diagonal_element(common.len(), common.len(), RESOLUTION * RESOLUTION);
-    let by_chance = &noise[0] + &noise[1] + pull;
+    let by_chance = &noise[0] + &noise[1] + prior_gain;
     let seen = &by_chance + square(&effects);
     let n_combinations = (&seen + &unresolved)
         .cholesky()?
@@ -284,7 +284,7 @@ impl Known {
     }
 
     /// C·P⁻¹·S: effect of an error of each prior, by one standard deviation, on the most probable values of a session.
-    fn pull(&self, of: &Uncertainty, at: &[usize]) -> DMatrix<f64> {
+    fn prior_gain(&self, of: &Uncertainty, at: &[usize]) -> DMatrix<f64> {
         let covariance = of.covariance();
         DMatrix::from_fn(covariance.nrows(), at.len(), |i, k| {
             let own = of.prior_std[at[k]];

@@ -126,7 +126,7 @@ pub fn noncentral_f_tail(value: f64, numerator: f64, denominator: f64, noncentra
 
 /// The value that F with (`numerator`, `denominator`) degrees of freedom exceeds with this probability.
 pub fn f_quantile(above: f64, numerator: f64, denominator: f64) -> f64 {
-    increasing(
+    invert_increasing(
         |value| 1.0 - f_tail(value, numerator, denominator),
         1.0 - above,
     )
@@ -135,20 +135,20 @@ pub fn f_quantile(above: f64, numerator: f64, denominator: f64) -> f64 {
 /// The value that chi-square with `freedom` degrees of freedom exceeds with this probability.
 pub fn chi_square_quantile(above: f64, freedom: f64) -> f64 {
     let scaled = |value: f64| 1.0 - chi_square_tail(freedom * value, freedom);
-    freedom * increasing(scaled, 1.0 - above)
+    freedom * invert_increasing(scaled, 1.0 - above)
 }
 
 /// The noncentrality at which an F test with (`numerator`, `denominator`) degrees of freedom at this level has the power `power`.
 pub fn noncentrality(level: f64, power: f64, numerator: f64, denominator: f64) -> f64 {
     let critical = f_quantile(level, numerator, denominator);
-    increasing(
+    invert_increasing(
         |lambda| noncentral_f_tail(critical, numerator, denominator, lambda),
         power,
     )
 }
 
 /// The argument (from 0 on) at which an increasing function reaches `value`.
-fn increasing(function: impl Fn(f64) -> f64, value: f64) -> f64 {
+fn invert_increasing(function: impl Fn(f64) -> f64, value: f64) -> f64 {
     let (mut low, mut high) = (0.0, 1.0);
     while function(high) < value && high < 1e12 {
         high *= 2.0;

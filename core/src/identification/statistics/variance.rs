@@ -103,7 +103,7 @@ impl Spectrum {
             let std = ratio.sqrt() * noise_std / usual_std;
             self.deviance(ratio) + 2.0 * libm::log1p(std * std)
         };
-        let ratio = smallest(deviance);
+        let ratio = minimise(deviance);
         match deviance(0.0) - deviance(ratio) > kept_above * kept_above {
             true => ratio.sqrt() * noise_std,
             false => 0.0,
@@ -112,7 +112,7 @@ impl Spectrum {
 }
 
 /// The ratio with the smallest deviance: a grid over its logarithm, then golden-section search.
-fn smallest(deviance: impl Fn(f64) -> f64) -> f64 {
+fn minimise(deviance: impl Fn(f64) -> f64) -> f64 {
     let at = |log10: f64| deviance(libm::pow(10.0, log10));
     let step = (LOG10_RATIO.1 - LOG10_RATIO.0) / (GRID - 1) as f64;
     let grid = (0..GRID)
@@ -141,7 +141,7 @@ pub fn misfit_ratio(
     features: &DMatrix<f64>,
 ) -> f64 {
     Spectrum::beyond(residuals, basis, features)
-        .map_or(0.0, |spectrum| smallest(|ratio| spectrum.deviance(ratio)))
+        .map_or(0.0, |spectrum| minimise(|ratio| spectrum.deviance(ratio)))
 }
 
 /// A random effect in the residuals of a fit, compared with the fit without it.
@@ -150,7 +150,7 @@ pub struct RandomEffect {
     /// Most likely ratio of its variance to that of the noise.
     pub ratio: f64,
     /// 2·log of the likelihood's ratio, with the effect and without it.
-    pub likelier: f64,
+    pub likelihood_ratio: f64,
     /// Variance of the noise if the effect is included.
     pub noise_variance: f64,
 }
@@ -158,7 +158,7 @@ pub struct RandomEffect {
 impl RandomEffect {
     /// The ratio; 0 if it is not significant at the 5 % level.
     pub fn kept_ratio(&self) -> f64 {
-        match self.likelier > KEPT_ABOVE * KEPT_ABOVE {
+        match self.likelihood_ratio > KEPT_ABOVE * KEPT_ABOVE {
             true => self.ratio,
             false => 0.0,
         }
@@ -166,7 +166,7 @@ impl RandomEffect {
 
     /// Probability that noise alone gives as large a likelihood ratio. Without an effect, a variance is at its bound [Self & Liang 1987].
     pub fn by_chance(&self) -> f64 {
-        0.5 * chi_square_tail(self.likelier, 1.0)
+        0.5 * chi_square_tail(self.likelihood_ratio, 1.0)
     }
 }
 
@@ -177,10 +177,10 @@ pub fn random_effect(
     features: &DMatrix<f64>,
 ) -> Option<RandomEffect> {
     let spectrum = Spectrum::beyond(residuals, basis, features)?;
-    let ratio = smallest(|ratio| spectrum.deviance(ratio));
+    let ratio = minimise(|ratio| spectrum.deviance(ratio));
     Some(RandomEffect {
         ratio,
-        likelier: (spectrum.deviance(0.0) - spectrum.deviance(ratio)).max(0.0),
+        likelihood_ratio: (spectrum.deviance(0.0) - spectrum.deviance(ratio)).max(0.0),
         noise_variance: spectrum.noise_variance(ratio),
     })
 }

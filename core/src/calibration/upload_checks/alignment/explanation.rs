@@ -16,7 +16,7 @@ pub const BETTER: f64 = 5.0;
 
 /// A hypothesis with an rms within this share of the reach is reported if it fits [`BETTER`] times better. If a frame is off by less than
 /// this, it is a poorly known base frame and not another frame.
-pub const COMES_NEAR: f64 = 0.02;
+pub const NEAR_FIT_PER_REACH: f64 = 0.02;
 
 /// Largest zero error of a joint that was never mastered, rad (45°). A larger one is another convention or another frame.
 pub const UNMASTERED_RAD: f64 = PI / 4.0;

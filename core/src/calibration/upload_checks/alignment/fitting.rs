@@ -62,7 +62,7 @@ pub(super) fn reach_mm(links: &[Link], observations: &[Observation]) -> f64 {
 }
 
 /// rms distance of the points from their centre, mm.
-fn spread_mm(observations: &[Observation]) -> f64 {
+pub(super) fn spread_mm(observations: &[Observation]) -> f64 {
     rms_from_centre(observations.iter().map(|o| o.position_mm))
 }
 

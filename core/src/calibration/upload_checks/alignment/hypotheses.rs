@@ -174,7 +174,7 @@ impl Hypothesis {
                 )
             }
             Self::Robot(index) => format!(
-                "it was measured on {:?}",
+                "it was measured on {}",
                 others.get(*index).copied().unwrap_or("another robot")
             ),
         }
@@ -191,7 +191,7 @@ impl Hypothesis {
             Self::ShiftedRows(_) => {
                 "pair each position with the joint values at which it was measured"
             }
-            Self::Robot(_) => "upload it to that robot",
+            Self::Robot(_) => "upload it to the robot that was measured",
         }
     }
 }

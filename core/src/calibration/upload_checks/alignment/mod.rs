@@ -11,7 +11,7 @@ mod joint_maps;
 mod suspect;
 mod texts;
 
-pub use explanation::{BETTER, COMES_NEAR, Explanation, FITS, Suspicion, UNMASTERED_RAD};
+pub use explanation::{BETTER, Explanation, FITS, NEAR_FIT_PER_REACH, Suspicion, UNMASTERED_RAD};
 pub use hypotheses::{Hypothesis, hypotheses};
 
 use crate::identification::KinematicModel;
@@ -22,7 +22,7 @@ use crate::measurement::{Frame, MeasurementSet, Point};
 use explanation::{observations, of_one_station};
 use fitting::{Zeroed, placed, placed_thoroughly, quickly_placed, reach_mm, with_free_zeros};
 use nalgebra::{Matrix3, Rotation3, Vector3};
-use suspect::{Suspect, What};
+use suspect::{Cause, Suspect};
 
 /// Whether the nominal robot fits an uploaded set, with the best placement of base and target.
 #[derive(Clone, Debug, PartialEq)]
@@ -82,7 +82,7 @@ pub(super) fn base_rotation(
         base_rotation_std_rad(&found.model, &observations, noise_mm)
             .is_some_and(|std| std <= KNOWN_RAD)
     };
-    (found.rms_mm <= COMES_NEAR * reach_mm && is_known)
+    (found.rms_mm <= NEAR_FIT_PER_REACH * reach_mm && is_known)
         .then_some(found.model.t_instrument_base.rotation)
 }
 
@@ -143,7 +143,7 @@ pub fn explain(
     {
         let free = free.filter(|free| Suspect::are_equal(free, best));
         return match (&best.what, free) {
-            (What::Joints(convention), Some(free)) => suspect.frame_or_joints(&free, convention),
+            (Cause::Joints(convention), Some(free)) => suspect.frame_or_joints(&free, convention),
             _ => Explanation::Refusal(suspect.suspicion(best, others)),
         };
     }

@@ -2,10 +2,11 @@
 
 use super::convention::Convention;
 use super::explanation::{
-    BETTER, COMES_NEAR, Explanation, FITS, Suspicion, UNMASTERED_RAD, observations, of_one_station,
+    BETTER, Explanation, FITS, NEAR_FIT_PER_REACH, Suspicion, UNMASTERED_RAD, observations,
+    of_one_station,
 };
 use super::fitting::{
-    Fitted, Zeroed, placed, placed_thoroughly, quickly_placed, reach_mm, with_free_zeros,
+    Fitted, Zeroed, placed, placed_thoroughly, quickly_placed, reach_mm, spread_mm, with_free_zeros,
 };
 use super::hypotheses::{Hypothesis, hypotheses};
 use super::joint_maps;
@@ -17,6 +18,9 @@ use std::collections::BTreeSet;
 
 /// Hypotheses whose rms differ by less than this factor fit equally well. The most likely one is reported.
 const EQUALLY_GOOD: f64 = 2.0;
+/// A hypothesis whose rms exceeds this share of the spread of its points explains nothing: with smaller units, points and joints hardly move, and
+/// any robot is near them.
+const MAX_PER_SPREAD: f64 = 0.1;
 /// Maximum number of hypotheses that are fitted thoroughly.
 const MAX_REFITTED: usize = 8;
 /// Minimum number of distinct poses for refusing a set that nothing explains.
@@ -29,17 +33,17 @@ const MAX_JOINTS: usize = 7;
 const MIN_FOR_SIGNS: usize = 12;
 
 /// A possible cause, and how well the robot then fits.
-pub struct Supposed {
-    pub what: What,
+pub struct Candidate {
+    pub what: Cause,
     pub rms_mm: f64,
     /// Another cause with the same effect: a left-handed file, or joints that are counted in the opposite direction.
-    pub or: Option<What>,
+    pub or: Option<Cause>,
     /// Joint zero errors in addition.
     pub zeros: Option<Zeroed>,
 }
 
-impl Supposed {
-    fn new(what: What, rms_mm: f64) -> Self {
+impl Candidate {
+    fn new(what: Cause, rms_mm: f64) -> Self {
         Self {
             what,
             rms_mm,
@@ -50,12 +54,12 @@ impl Supposed {
 }
 
 /// A possible cause.
-pub enum What {
+pub enum Cause {
     File(Hypothesis),
     Joints(Box<Convention>),
 }
 
-impl What {
+impl Cause {
     /// True for a file in a left-handed frame.
     fn is_left_handed(&self) -> bool {
         matches!(self, Self::File(file) if file.is_left_handed())
@@ -93,7 +97,7 @@ pub(super) struct Suspect<'a> {
     points: Vec<Point>,
     observations: Vec<Observation>,
     off_mm: f64,
-    /// Limits of the rms by [`FITS`] and [`COMES_NEAR`], mm.
+    /// Limits of the rms by [`FITS`] and [`NEAR_FIT_PER_REACH`], mm.
     pub fits_mm: f64,
     /// See `fits_mm`.
     pub near_mm: f64,
@@ -111,7 +115,7 @@ impl<'a> Suspect<'a> {
             observations,
             off_mm,
             fits_mm: FITS * reach_mm,
-            near_mm: COMES_NEAR * reach_mm,
+            near_mm: NEAR_FIT_PER_REACH * reach_mm,
         }
     }
 
@@ -126,8 +130,8 @@ impl<'a> Suspect<'a> {
     }
 
     /// True if both fit equally well.
-    pub fn are_equal(free: &Fitted, supposed: &Supposed) -> bool {
-        free.rms_mm <= EQUALLY_GOOD * supposed.rms_mm
+    pub fn are_equal(free: &Fitted, candidate: &Candidate) -> bool {
+        free.rms_mm <= EQUALLY_GOOD * candidate.rms_mm
     }
 
     /// The fit if the positions are in an instrument's frame.
@@ -136,28 +140,28 @@ impl<'a> Suspect<'a> {
             .filter(|free| free.rms_mm <= self.fits_mm)
     }
 
-    fn convention(&self, frame: Frame) -> Option<Supposed> {
+    fn convention(&self, frame: Frame) -> Option<Candidate> {
         let (convention, fitted) =
             joint_maps::search(&self.robot.links, &self.observations, frame, self.fits_mm)?;
-        let what = What::Joints(Box::new(convention));
-        Some(Supposed::new(what, fitted.rms_mm))
+        let what = Cause::Joints(Box::new(convention));
+        Some(Candidate::new(what, fitted.rms_mm))
     }
 
     /// A convention that fits if joints may also be unmastered.
-    pub fn convention_and_zeros(&self, frame: Frame) -> Option<Supposed> {
+    pub fn convention_and_zeros(&self, frame: Frame) -> Option<Candidate> {
         let links = &self.robot.links;
         let (convention, zeros) =
             joint_maps::search_with_zeros(links, &self.observations, frame, self.fits_mm)?;
-        let what = What::Joints(Box::new(convention));
-        let supposed = Supposed::new(what, zeros.rms_mm);
-        Some(Supposed {
+        let what = Cause::Joints(Box::new(convention));
+        let candidate = Candidate::new(what, zeros.rms_mm);
+        Some(Candidate {
             zeros: Some(zeros),
-            ..supposed
+            ..candidate
         })
     }
 
     /// The most likely of the best-fitting hypotheses.
-    pub fn best_hypothesis(&self, others: &[(String, Robot)]) -> Option<Supposed> {
+    pub fn best_hypothesis(&self, others: &[(String, Robot)]) -> Option<Candidate> {
         let mut quick: Vec<(f64, Hypothesis)> = hypotheses(self.robot.links.len(), others.len())
             .into_iter()
             .filter_map(|hypothesis| {
@@ -173,21 +177,22 @@ impl<'a> Suspect<'a> {
         let thoroughly = |(_, hypothesis): (f64, Hypothesis)| {
             let (robot, observations) = self.under(&hypothesis, others);
             let rms_mm = placed(&robot.links, &observations, self.frame)?.rms_mm;
-            Some(Supposed::new(What::File(hypothesis), rms_mm))
+            let is_fit = rms_mm <= MAX_PER_SPREAD * spread_mm(&observations);
+            is_fit.then(|| Candidate::new(Cause::File(hypothesis), rms_mm))
         };
-        let mut all: Vec<Supposed> = quick.into_iter().filter_map(thoroughly).collect();
+        let mut all: Vec<Candidate> = quick.into_iter().filter_map(thoroughly).collect();
         all.extend(self.convention(self.frame));
         let best_mm = all.iter().map(|s| s.rms_mm).fold(f64::INFINITY, f64::min);
-        all.retain(|supposed| supposed.rms_mm <= EQUALLY_GOOD * best_mm);
+        all.retain(|candidate| candidate.rms_mm <= EQUALLY_GOOD * best_mm);
         all.sort_by(|a, b| {
             let order = a.what.rank(self.frame).cmp(&b.what.rank(self.frame));
             order.then(a.rms_mm.total_cmp(&b.rms_mm))
         });
         let mut all = all.into_iter();
         let mut likeliest = all.next()?;
-        let looks_the_same = |other: &Supposed| match &likeliest.what {
-            What::Joints(_) => other.what.is_left_handed(),
-            what => what.is_left_handed() && matches!(other.what, What::Joints(_)),
+        let looks_the_same = |other: &Candidate| match &likeliest.what {
+            Cause::Joints(_) => other.what.is_left_handed(),
+            what => what.is_left_handed() && matches!(other.what, Cause::Joints(_)),
         };
         let or = all.find(|other| looks_the_same(other));
         likeliest.or = or.map(|other| other.what);
@@ -209,13 +214,13 @@ impl<'a> Suspect<'a> {
     }
 
     /// The refusal for a hypothesis that fits.
-    pub fn suspicion(&self, supposed: &Supposed, others: &[(String, Robot)]) -> Suspicion {
-        let (off_mm, found_mm) = (mm(self.off_mm), mm(supposed.rms_mm));
+    pub fn suspicion(&self, candidate: &Candidate, others: &[(String, Robot)]) -> Suspicion {
+        let (off_mm, found_mm) = (mm(self.off_mm), mm(candidate.rms_mm));
         let as_it_is = format!(
             "as it is, the nominal robot fits these points only to {off_mm} mm (rms, best alignment)"
         );
-        match &supposed.what {
-            What::File(hypothesis) => {
+        match &candidate.what {
+            Cause::File(hypothesis) => {
                 let names: Vec<&str> = others.iter().map(|(name, _)| name.as_str()).collect();
                 let (words, hint) = (hypothesis.words(&names), hypothesis.hint());
                 let alone = match hypothesis.is_left_handed() {
@@ -225,8 +230,8 @@ impl<'a> Suspect<'a> {
                     }
                     false => "",
                 };
-                let or = match &supposed.or {
-                    Some(What::Joints(convention)) => format!(
+                let or = match &candidate.or {
+                    Some(Cause::Joints(convention)) => format!(
                         ". It fits as well if {}: then the robot's joint_map is {}. Look at the controller which of both it is: with the wrong one a \
                          mirrored robot is identified",
                         convention.words(),
@@ -240,17 +245,17 @@ impl<'a> Suspect<'a> {
                     format!("{as_it_is}; if {words}, it fits to {found_mm} mm: {hint}{or}"),
                 )
             }
-            What::Joints(convention) => {
+            Cause::Joints(convention) => {
                 let map = convention.joint_map(self.robot);
                 let map_text = in_words(&map);
-                let off = supposed.zeros.as_ref().and_then(offsets);
+                let off = candidate.zeros.as_ref().and_then(offsets);
                 let also = off.map_or(String::new(), |off| {
                     format!(" and joint values are off by {off}")
                 });
                 let words = convention.words() + &also;
-                let or_file = match (&supposed.or, self.frame) {
-                    (Some(What::File(file)), Frame::Base) => Some(file.words(&[])),
-                    (Some(What::File(_)), Frame::Instrument) => {
+                let or_file = match (&candidate.or, self.frame) {
+                    (Some(Cause::File(file)), Frame::Base) => Some(file.words(&[])),
+                    (Some(Cause::File(_)), Frame::Instrument) => {
                         Some("the file's frame is left-handed".into())
                     }
                     _ => None,
@@ -261,9 +266,9 @@ impl<'a> Suspect<'a> {
                          mirrored robot is identified"
                     )
                 });
-                let sees_last_direction = supposed.zeros.is_some()
-                    || self.sees_last_direction(convention, supposed.rms_mm);
-                let other = self.other_signs(convention, supposed.rms_mm);
+                let sees_last_direction = candidate.zeros.is_some()
+                    || self.sees_last_direction(convention, candidate.rms_mm);
+                let other = self.other_signs(convention, candidate.rms_mm);
                 let or_signs = other.as_ref().map_or(String::new(), |other| {
                     let differs = |joint: &usize| {
                         convention.reversed[*joint] != other.reversed[*joint]
@@ -400,20 +405,20 @@ impl<'a> Suspect<'a> {
             );
             return Some(self.frame(&with(zeros.rms_mm), &also));
         }
-        let supposed = self
+        let candidate = self
             .convention(Frame::Instrument)
             .filter(|found| fits(found.rms_mm))
             .or_else(|| self.convention_and_zeros(Frame::Instrument))
             .filter(|found| fits(found.rms_mm))?;
-        let What::Joints(convention) = &supposed.what else {
+        let Cause::Joints(convention) = &candidate.what else {
             return None;
         };
-        let off = supposed.zeros.as_ref().and_then(offsets);
+        let off = candidate.zeros.as_ref().and_then(offsets);
         let off = off.map_or(String::new(), |off| {
             format!(", with joint values that are off by {off}")
         });
         let also = format!(", and if {}{off}", convention.words());
-        Some(self.frame(&with(supposed.rms_mm), &also))
+        Some(self.frame(&with(candidate.rms_mm), &also))
     }
 
     /// Warning that names joints that were probably never mastered. A base frame that is rotated about axis 1 is equivalent to a zero error
