@@ -24,8 +24,19 @@ function filled(node, classes, attributes, children) {
     if (typeof value === "function") node.addEventListener(name, value);
     else node.setAttribute(name, value === true ? "" : String(value));
   }
+  if (node.type === "number") takeCommas(node);
   append(node, children);
   return node;
+}
+
+/** A number field drops a comma, and 0,02 becomes 002: a comma that is typed or pasted is written as a point. */
+function takeCommas(field) {
+  const write = (event, text) => { event.preventDefault(); document.execCommand("insertText", false, text); };
+  field.addEventListener("keydown", (event) => { if (event.key === "," && !event.ctrlKey && !event.metaKey) write(event, "."); });
+  field.addEventListener("paste", (event) => {
+    const text = event.clipboardData?.getData("text/plain").trim() ?? "";
+    if (/^[-+]?\d*,\d+$/.test(text)) write(event, text.replace(",", "."));
+  });
 }
 
 function append(node, children) {

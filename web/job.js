@@ -116,6 +116,8 @@ function watch(first, may) {
   const moved = (job) => {
     const progress = job.progress;
     if (isOver(job)) return;
+    const badge = document.querySelector(`[data-state="${first.id}"]`);
+    if (badge) fill(badge, statusBadge(job.status));
     if (job.status === "queued") fill(text, WAITING);
     if (job.status === "running") fill(text, progress ? at(progress) : "A worker has begun …");
     if (job.status === "queued" || !progress || !iterates(progress.stage) || progress.n_iterations === 0) {

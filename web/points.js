@@ -4,7 +4,7 @@
 import { axes, figure, legend, range, ticks, timeAxis } from "./charts.js";
 import { quantile } from "./arm.js";
 import { el, fill, svg } from "./dom.js";
-import { mm, number, SMALLEST_MM } from "./format.js";
+import { mm, SMALLEST_MM } from "./format.js";
 
 /** More bars than this cannot be told apart: neighbours share one, which shows the largest of them. */
 const MAX_BARS = 240;
@@ -133,7 +133,7 @@ function dots(width, height, points, y, state, chosen, names) {
   const x = state.span ? { min: state.span[0], max: state.span[1] } : { min: full.min, max: full.max };
   const within = all.filter((i) => of(i) >= x.min && of(i) <= x.max);
   const share = Math.max(1, Math.ceil(within.length / MAX_DOTS));
-  const shown = share === 1 ? within : within.filter((i, n) => n % share === 0 || i === chosen);
+  const shown = share === 1 ? within : worstOf(within.sort((i, k) => of(i) - of(k)), share, points, chosen);
   const scale = state.against === "time" ? timeAxis(x.min, x.max) : { ...x, label: `joint ${Number(state.against.slice(1)) + 1}, °` };
   const frame = axes(width, height, scale, y);
   const place = (v) => Math.max(frame.top, frame.y(y.log ? seen(v) : v));
@@ -142,7 +142,14 @@ function dots(width, height, points, y, state, chosen, names) {
   const r = shown.length > 400 ? 2 : 3.2;
   const marker = chosen !== null && Number.isFinite(of(chosen)) && of(chosen) >= x.min && of(chosen) <= x.max && svg("rect.chosen", { x: frame.x(of(chosen)) - 4, y: frame.top, width: 8, height: frame.bottom - frame.top });
   return [frame.nodes, marker, shown.map((i) => svg("circle.before", { cx: frame.x(of(i)), cy: place(points[i].before_mm), r })), shown.map((i) => svg("circle.after", { cx: frame.x(of(i)), cy: place(points[i].after_mm), r })),
-    share > 1 && svg("text.axislabel", { x: frame.right, y: 13, "text-anchor": "end" }, `every ${number(share)}th point, ${names.after}`)];
+    share > 1 && svg("text.axislabel", { x: frame.right, y: 13, "text-anchor": "end" }, `the worst of every ${share} points, ${names.after}`)];
+}
+
+/** Of each group of successive points the one with the largest error, and the selected point. */
+function worstOf(indices, share, points, chosen) {
+  const groups = Array.from({ length: Math.ceil(indices.length / share) }, (_, n) => indices.slice(n * share, (n + 1) * share));
+  const worst = groups.map((group) => group.reduce((x, i) => (points[i].after_mm > points[x].after_mm ? i : x)));
+  return indices.includes(chosen) && !worst.includes(chosen) ? [...worst, chosen] : worst;
 }
 
 /** Half or twice the range on the axis, around the selected point. */

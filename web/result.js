@@ -208,26 +208,39 @@ function ask(action, title, set, draw, robot) {
   // asked for only when the service asks for it
   const changeField = el("div", { hidden: true }, el("label", { for: "change-reason" }, "Why the robot may have changed this much (a collision, a new part)"), change);
   const out = el("div", {});
-  const close = () => { dialog.close(); };
+  // a request that was sent cannot be taken back, so the dialog stays until its answer is there
+  let [isAsked, isSent] = [false, false];
+  const close = (event) => { if (isSent) event.preventDefault(); else dialog.close(); };
   const submit = async (event) => {
     event.preventDefault();
+    if (isAsked) return;
+    isAsked = true;
     try {
+      if (preview) {
+        fill(out, el("p.quiet", { role: "status" }, "Released as soon as the check above has ended …"));
+        await preview.ended;
+        fill(out);
+        if (!dialog.open) return;
+      }
+      isSent = true;
       const now = await post(`/v1/parameter-sets/${set.id}/${action}`, { reason: reason.value, ...(change.value.trim() === "" ? {} : { change_reason: change.value }) });
       dialog.close();
       draw(now, action === "release" ? `Released: ${robot.name} now uses this set.` : "Withdrawn.");
     } catch (refused) {
       // what was foretold is said by the refusal now
-      if (preview) fill(preview);
+      if (preview) fill(preview.node);
       fill(out, refused.code === "release_refused" ? refusal(refused) : problem(refused));
       if (refused.errors.some((issue) => issue.code === "change_plausible")) {
         changeField.hidden = false;
         change.focus();
       }
+    } finally {
+      [isAsked, isSent] = [false, false];
     }
   };
   const preview = action === "release" && gates(set.id);
-  const dialog = el("dialog", { "aria-label": title, close: () => dialog.remove() },
-    el("form", { submit }, el("h2", {}, title), el("p", {}, CONSEQUENCE[action]), preview, out,
+  const dialog = el("dialog", { "aria-label": title, cancel: close, close: () => dialog.remove() },
+    el("form", { submit }, el("h2", {}, title), el("p", {}, CONSEQUENCE[action]), preview && preview.node, out,
       el("label", { for: "reason" }, "Reason, for those who come after"), reason, changeField,
       el("p", {}), el("div.actions", {}, el(action === "release" ? "button.primary" : "button.danger", { type: "submit" }, action === "release" ? "Release" : "Withdraw"), el("button", { type: "button", click: close }, "Not now"))));
   document.body.append(dialog);
@@ -237,12 +250,12 @@ function ask(action, title, set, draw, robot) {
 /** What a release would find now, before anybody asks for it: what refuses it, and what is worth a look. */
 function gates(id) {
   const node = el("div", { "aria-live": "polite" }, el("p.quiet", {}, "Checking what a release asks for …"));
-  get(`/v1/parameter-sets/${id}/gates`).then((found) => {
+  const ended = get(`/v1/parameter-sets/${id}/gates`).then((found) => {
     const told = (title, kind, some) => some.length > 0 && el(kind, {}, el("p", {}, el("strong", {}, title)), gateItems(some));
     fill(node, told("A release would be refused:", "div.problem", found.gates.filter((gate) => !gate.passed)),
       told(found.releasable ? "It may be released. Worth a look:" : "Worth a look, too:", "div.warning", found.gates.filter((gate) => gate.passed && gate.warning)));
   }, () => fill(node));
-  return node;
+  return { node, ended };
 }
 
 function refusal({ errors, detail }) {

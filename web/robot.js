@@ -89,14 +89,14 @@ async function toVerify(id, { stand, jobs, sets }, signal) {
 const archived = (robot) => (robot.archived_at ? el("div.warning", {}, el("p", {}, el("strong", {}, `This robot was archived ${when(robot.archived_at)}. `), "It is in no list and cannot be calibrated. Restore it below, under Name, joint limits, policy of releases, rollback, archive.")) : []);
 
 /** How a robot gets its first set, and which step is next. */
-function firstSteps({ robot, sets, stand: { lastJob }, may }) {
+function firstSteps({ robot, sets, stand: { lastJob }, now, may }) {
   if (robot.archived_at) return [];
-  const now = sets.length > 0 ? 2 : 0;
+  const step = sets.length > 0 ? 2 : 0;
   const steps = [["Measure", "Move the robot to 30 or more different poses, and measure a reflector on its flange with a tracker. The plan names good poses."], ["Upload", "A table with the joint values and the measured position of each pose. It is checked before anything is stored."], ["Calibrate, verify, release", "Start the calibration, then verify it with a second session. Nothing reaches the cell before somebody releases it."]];
   const runs = isRunning(lastJob);
-  return el("section.card.next", { "aria-label": "What to do next" }, el("h2", {}, "What to do next"), el("p", {}, `This robot has not been calibrated yet. ${runs ? "A job of it is running." : sets.length > 0 ? "Its points are stored: start the calibration below." : ""}`),
-    el("ol.path", {}, steps.map(([name, said], i) => el(i < now ? "li.done-step" : i === now ? "li.now" : "li", i === now ? { "aria-current": "step" } : {}, el("strong", {}, name), el("span", {}, said)))),
-    el("div.actions", {}, runs ? el("a.button.primary", { href: `#/jobs/${lastJob.id}` }, "Watch it") : sets.length > 0 && may("identify") && el(lastJob?.status === "failed" ? "button" : "button.primary", { type: "button", click: toCalibration }, "To the calibration"), el("a.button", { href: `#/robots/${robot.id}/plan` }, "Plan the poses to measure")));
+  return el("section.card.next", { "aria-label": "What to do next" }, el("h2", {}, "What to do next"), el("p", {}, `${now?.need === "withdrawn" ? `${capital(now.reason)}. ` : "This robot has not been calibrated yet. "}${runs ? "A job of it is running." : sets.length > 0 ? "Its points are stored: start the calibration below." : ""}`),
+    el("ol.path", {}, steps.map(([name, said], i) => el(i < step ? "li.done-step" : i === step ? "li.now" : "li", i === step ? { "aria-current": "step" } : {}, el("strong", {}, name), el("span", {}, said)))),
+    el("div.actions", {}, runs ? el("a.button.primary", { href: `#/jobs/${lastJob.id}` }, "Watch it") : now?.need === "withdrawn" && el("a.button", { href: `#/jobs/${now.need_job_id}` }, "Look at the withdrawn result"), !runs && sets.length > 0 && may("identify") && el(lastJob?.status === "failed" ? "button" : "button.primary", { type: "button", click: toCalibration }, "To the calibration"), el("a.button", { href: `#/robots/${robot.id}/plan` }, "Plan the poses to measure")));
 }
 
 /** To the form that calibrates with stored points, which is folded. */
@@ -200,7 +200,7 @@ function known({ stand, trend, now }) {
   const { active, newest, drift } = stand;
   if (!newest) return [];
   return facts([
-    ["Active set", active ? `released ${age(active.released_at)}` : "none", active ? when(active.released_at) : now?.need === "review" ? now.reason : "the newest result waits for its release"],
+    ["Active set", active ? `released ${age(active.released_at)}` : "none", active ? when(active.released_at) : ["review", "withdrawn"].includes(now?.need) ? now.reason : "the newest result waits for its release"],
     ...errorFacts(stand, now),
     drift && ["Drift", mm(drift.mean_mm), `from the active set to the newest, at the tool on average; at most ${mm(drift.max_mm)}${beyondChance(drift.sessions)}`],
     active && ["Next calibration", trend.days_to_limit === null ? "cannot be said yet" : `in ${Math.round(trend.days_to_limit)} d`, capital(plain(trend.detail))],
@@ -219,7 +219,7 @@ function guide({ robot, stand, now, sets, may, signal }) {
   const found = lastSession && foundAgainst(lastSession.report);
   if (active && now?.need === "drifted") return card(`The newest session speaks against the active set. ${capital(now.reason)}. The cell runs this set until another one is released, or it is withdrawn.`, since && link("a.button.primary", `#/jobs/${since.job_id}`, "Review the newer result"), link(since ? "a.button" : "a.button.primary", `#/jobs/${now.need_job_id}`, "Look at that session"),
     verify(active), may("identify") && link("a.button", `#/robots/${robot.id}/upload`, "Calibrate anew"), may("release") && link("a.button", `#/jobs/${active.job_id}`, "Withdraw the set"));
-  if (review) return card([active ? "A newer result waits for a review: release it, or keep the active set. " : now?.newest?.refused_by ? `${capital(now.reason)}. ` : "The newest result waits for a review. ", found && !active ? `A later session speaks against it: ${found}. ` : "", releasable(review, sets, now, signal)], link("a.button.primary", `#/jobs/${review.job_id}`, "Review the result"), verify(review));
+  if (review) return card([now?.need === "withdrawn" ? `${capital(now.reason)}. ` : "", active ? "A newer result waits for a review: release it, or keep the active set. " : now?.newest?.refused_by ? `${capital(now.reason)}. ` : "The newest result waits for a review. ", found && !active ? `A later session speaks against it: ${found}. ` : "", releasable(review, sets, now, signal)], link("a.button.primary", `#/jobs/${review.job_id}`, "Review the result"), verify(review));
   if (!lastSession) return card("The active set was not verified by another session yet. Measure some 20 to 30 other poses: only that shows a wrong tool, base or scale.", verify(active, "a.button.primary"), link("a.button", `#/robots/${robot.id}/plan`, "Plan the poses to measure"));
   return card("The active set is in force, and the newest session agrees with it. Verify it with a short session from time to time.", link("a.button.primary", `#/robots/${robot.id}/correct`, "Correct a program"), verify(active));
 }

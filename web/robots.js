@@ -16,6 +16,7 @@ const MAX_ROBOTS = 5000;
 const NEEDS = {
   check_robot: ["check this robot", "bad", "Check the robot"],
   drifted: ["drifted", "bad", "Drifted"],
+  withdrawn: ["withdrawn", "bad", "Withdrawn"],
   job_failed: ["job failed", "bad", "Job failed"],
   review: ["result to review", "wait", "To review"],
   due: ["due", "wait", "Due"],
@@ -53,7 +54,7 @@ const SORTS = [
 ];
 
 /** From what is wrong in production to what needs nobody: a newer result than the active set, and one that a release refuses, before other results that wait. */
-const RANKS = ["check_robot", "drifted", "job_failed", "newer", "refused", "review", "due", "calibrate", "nothing"];
+const RANKS = ["check_robot", "drifted", "withdrawn", "job_failed", "newer", "refused", "review", "due", "calibrate", "nothing"];
 /** No figure counts as more, mm. */
 const MOST_MM = 1e5;
 
@@ -83,8 +84,7 @@ export async function robotsPage({ main, signal, may, why, query, keep }) {
   const count = el("p.quiet", {});
   const [rows, chips, more] = [el("div.robots", {}), el("div.chips", { role: "group", "aria-label": "Show" }), el("div.actions", {})];
   const draw = () => {
-    const words = state.search.toLowerCase().split(/\s+/).filter(Boolean);
-    const found = robots.filter((r) => words.every((word) => `${r.name} ${r.serial_number ?? ""}`.toLowerCase().includes(word)));
+    const found = matching(robots, state.search.toLowerCase().trim());
     fill(chips, robots === inUse && filters(found, state, draw), nArchived > 0 && el("button.chip", { type: "button", "aria-pressed": String(robots !== inUse), click: swap }, "Archived", el("b", {}, nArchived)));
     const kept = sorted(found.filter((r) => passes(r, state)), state);
     keep({ find: state.search, show: robots === inUse ? state.filter !== "all" && state.filter : "archived", sort: state.sort !== "need" && state.sort });
@@ -130,6 +130,14 @@ export async function robotsPage({ main, signal, may, why, query, keep }) {
 const welcome = () => el("section.card", {}, el("h2", {}, "There is no robot yet"), el("p", {}, "A calibration measures where an arm really is, and finds the true lengths and angles of its links. This is the way to it:"),
   el("ol.path", {}, [["Add the robot", "From the library or its file, below. Compare the arm on the page with the one in the cell."], ["Measure and upload", "30 or more poses with a tracker. The page plans them, and checks your file before it stores anything."], ["Calibrate, verify, release", "See what the arm gains, check it on a second session, release it, and correct your programs."]]
     .map(([name, said], i) => el(i === 0 ? "li.now" : "li", {}, el("strong", {}, name), el("span", {}, said)))));
+
+/** The robots with these words in name or serial number: where any has the words as they stand, no others. */
+function matching(robots, searched) {
+  const has = (text) => (robot) => `${robot.name}\n${robot.serial_number ?? ""}`.toLowerCase().includes(text);
+  const whole = robots.filter(has(searched));
+  const words = searched.split(/\s+/);
+  return whole.length > 0 ? whole : robots.filter((robot) => words.every((word) => has(word)(robot)));
+}
 
 /** How many robots are shown, and how many of them need somebody. */
 function counted(shown, robots) {
@@ -184,10 +192,12 @@ function reasonOf(robot, state) {
 }
 
 /** How far the newer set is from the active one; without a newer one, by how much the error of the active set has grown. */
-function driftCell(robot, { drifts: known }) {
+function driftCell(robot, state) {
   const { active, session } = robot;
-  if (!isNewer(robot)) return active && session && active.evidence !== "none" && typeof session.rms_mm === "number" && typeof active.after_rms_mm === "number"
-    ? [`${signed(session.rms_mm - active.after_rms_mm, 3)}\u202fmm`, el("small.quiet", {}, `error was ${error(active.after_rms_mm)}`)] : "–";
+  const { drifts: known } = state;
+  const now = isMisfit(robot) ? state.checks.get(robot.robot_id)?.rms_mm : session?.rms_mm;
+  if (!isNewer(robot)) return active && active.evidence !== "none" && typeof now === "number" && typeof active.after_rms_mm === "number"
+    ? [`${signed(now - active.after_rms_mm, 3)}\u202fmm`, el("small.quiet", {}, `error was ${error(active.after_rms_mm)}`)] : "–";
   const found = known.get(robot.robot_id);
   if (found === null || !known.has(robot.robot_id)) return "…";
   return found === undefined ? "–" : [mm(found.mean_mm), el("small.quiet", {}, `at most ${error(found.max_mm)}`)];
@@ -232,10 +242,10 @@ function robotTable(robots, state, empty) {
     ["State", (r) => badges(r, state), "name"],
     ["Active set", ({ active }) => (active ? el("span", { title: when(active.released_at) }, age(active.released_at)) : "none")],
     ["Error, rms", (r) => (measured(r) ? el("span", { "data-error": r.robot_id }, errorCell(r, state)) : "–"), "n"],
-    ["Drift", (r) => (isNewer(r) ? el("span", { "data-drift": r.robot_id }, driftCell(r, state)) : driftCell(r, state)), "n"],
+    ["Drift", (r) => (isNewer(r) || isMisfit(r) ? el("span", { "data-drift": r.robot_id }, driftCell(r, state)) : driftCell(r, state)), "n"],
     ["Last job", (r) => (r.last_job ? [el("a", { href: `#/jobs/${r.last_job.id}` }, hasMisfit(r) ? "does not fit" : ended(r)), el("small.quiet", {}, age(r.last_job.finished_at ?? r.last_job.created_at))] : "–")],
   ];
-  const caption = "Error: of the newest session, else of the active or the newest set on points that were not fitted; below it where these points come from. Drift: how far a newer result puts the tool from the active one, on average over the workspace; without a newer result, how much the error has grown since the active set was identified. Release: what would refuse it now.";
+  const caption = "Error: of the newest session, else of the active or the newest set on points that were not fitted; below it where these points come from. Drift: how far a newer result puts the tool from the active one, on average over the workspace; without a newer result, how much the error has grown since the active set was identified.";
   return table(caption, columns, robots, empty);
 }
 

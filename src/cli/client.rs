@@ -2,6 +2,7 @@
 
 use super::failure::Failed;
 use super::runtime::block_on;
+use super::terminal::plain;
 use super::usage::Usage;
 use crate::http::tls;
 use crate::wire::id::is_plausible;
@@ -50,6 +51,20 @@ impl ServerArguments {
     /// A client of that server.
     pub fn client(&self) -> anyhow::Result<Client> {
         Client::new(&self.server, self.key.clone(), self.ca_cert.as_deref())
+    }
+
+    /// Warns if several robots have this name, because commands then need the id.
+    pub fn warn_of_same_name(&self, name: &str) -> anyhow::Result<()> {
+        let alike = block_on(async { self.client()?.robots_called(name, "").await })?;
+        if alike.len() > 1 {
+            eprintln!(
+                "warning (same_name): {} robots are called {}: commands take their ids ({})",
+                alike.len(),
+                plain(name),
+                alike.join(", ")
+            );
+        }
+        Ok(())
     }
 
     /// [`Client::get`] for a command that sends a single request.
@@ -197,7 +212,7 @@ impl Client {
             ))
             .into()),
             several => Err(Usage(format!(
-                "several robots are called {named:?}: give --robot one of {}",
+                "several robots are called {named:?}: name one by its id, in place of {named:?}: {}",
                 several.join(", ")
             ))
             .into()),

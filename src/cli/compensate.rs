@@ -77,12 +77,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let columns = arguments.columns.body()?;
     let program = program::parse(path, &read(path)?, &columns, arguments.rotation)?;
-    program::notes(&program)
-        .iter()
-        .for_each(|note| eprintln!("{}", plain(note)));
-    eprintln!(
-        "warning (taught_targets): targets that were taught by moving the robot there already hold its errors: correct only those that were programmed offline"
-    );
     let targets = program.targets();
     let part = |(i, part): (usize, &[_])| {
         correct(arguments, part).map_err(|error| {
@@ -97,6 +91,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     for part in parts {
         answer.extend(part?);
     }
+    program::notes(&program)
+        .iter()
+        .for_each(|note| eprintln!("{}", plain(note)));
+    eprintln!(
+        "warning (taught_targets): targets that were taught by moving the robot there already hold its errors: correct only those that were programmed offline"
+    );
     eprintln!(
         "targets are met in {}",
         match answer.frame {

@@ -40,6 +40,7 @@ fn command(code: &str) -> Option<String> {
     let command = match code {
         "archived" => "kincal restore ID",
         "frame_suspect" => "--frame instrument",
+        "joint_map_suspect" => "kincal robots edit ROBOT --joint-map '{…}' with that joint_map",
         "rotation_required" => "--rotation CONVENTION",
         "check_robot" | "measured_since_check" | "sessions_fit" | "scored_on_later_sessions" => {
             "kincal submit --verify --robot ROBOT SESSION --parameters ID; kincal checked ROBOT --reason TEXT"

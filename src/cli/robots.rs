@@ -1,7 +1,7 @@
 //! `kincal robots`: lists and shows robots, and edits them. Each further subcommand has a file of its own.
 
 use super::archive::{self, Action};
-use super::files::read_json;
+use super::files::{parse_json, read_json};
 use super::list::{self, RobotArguments};
 use super::numbers;
 use super::robots_library::{self, LibraryCommand};
@@ -12,7 +12,7 @@ use super::usage::Usage;
 use crate::wire::robot::{GravityDirection, JointMapBody, MountingBody, NamedMounting};
 use crate::wire::robot_patch::RobotPatchBody;
 use clap::ValueEnum;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 /// Standard deviation of the direction of gravity if none is stated, degrees. The named mountings have the same value.
@@ -74,8 +74,8 @@ struct EditArguments {
     /// Limits of each joint in degrees: LOWER:UPPER,… with `none` for a joint without limits.
     #[arg(long, value_name = "LIMITS", allow_hyphen_values = true, value_parser = limits)]
     limits: Option<Limits>,
-    /// The controller's joint convention: a file with {"sign": …, "offset_deg": …, "coupling": …}. Refused once a set was released.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["sign", "offset_deg"])]
+    /// The controller's joint convention: {"sign": …, "offset_deg": …, "coupling": …}, or a file with it. Refused once a set was released.
+    #[arg(long, value_name = "JSON or FILE", conflicts_with_all = ["sign", "offset_deg"])]
     joint_map: Option<PathBuf>,
     /// The controller's joint convention: 1 or -1 for each joint, with commas.
     #[arg(
@@ -199,6 +199,9 @@ fn edit(arguments: &EditArguments) -> anyhow::Result<()> {
         .into());
     }
     let robot = arguments.robot.send(reqwest::Method::PATCH, "", &patch)?;
+    if let Some(name) = &arguments.name {
+        arguments.robot.server.warn_of_same_name(name)?;
+    }
     arguments.robot.output.print(&robot, || {
         format!(
             "{} is edited; results that were computed before keep the robot as it was",
@@ -212,7 +215,10 @@ fn patch(arguments: &EditArguments) -> anyhow::Result<RobotPatchBody> {
         |field| -> Option<Option<String>> { arguments.remove.contains(&field).then_some(None) };
     let given = |text: &Option<String>| text.clone().map(Some);
     let joint_map = match (&arguments.joint_map, &arguments.sign, &arguments.offset_deg) {
-        (Some(file), ..) => Some(read_json(file, "a joint map")?),
+        (Some(text), ..) => Some(match text.as_os_str().as_encoded_bytes() {
+            json @ [b'{', ..] => parse_json(Path::new("--joint-map"), json, "a joint map")?,
+            _ => read_json(text, "a joint map")?,
+        }),
         (None, None, None) => None,
         (None, sign, offset_deg) => Some(JointMapBody {
             sign: sign.clone(),

@@ -16,7 +16,7 @@ const MAX_NAMED: usize = 10;
 #[derive(Debug, clap::Args)]
 pub struct OfRobot {
     #[command(flatten)]
-    server: ServerArguments,
+    pub server: ServerArguments,
     /// The robot: its id, name or serial number.
     #[arg(value_name = "ROBOT")]
     pub robot: String,
@@ -64,7 +64,7 @@ item_of_a_server! {
 pub struct ParameterSetArgument {
     #[command(flatten)]
     pub server: ServerArguments,
-    /// The parameter set, as `kincal params` lists it; or its robot (id, name or serial number) for the only set in question.
+    /// The parameter set, as `kincal params` lists it; or its robot (id, name or serial number), for its only candidate or its released set.
     #[arg(value_name = "ID|ROBOT")]
     named: String,
 }
@@ -165,7 +165,7 @@ pub fn checked(id: &str) -> Result<&str, Usage> {
     match is_plausible(id) && !id.is_empty() {
         true => Ok(id),
         false => Err(Usage(format!(
-            "{id:?} is not an id; ids have letters, digits and _ only, as kincal params and the other lists print them. A robot is named by --robot {id:?}"
+            "{id:?} is not an id; ids have letters, digits and _ only, as kincal params and the other lists print them. If it is a robot, its parameter sets are listed by: kincal params --robot {id:?}"
         ))),
     }
 }

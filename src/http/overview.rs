@@ -77,7 +77,7 @@ fn first_refusal(row: &OverviewRow, of_set: Vec<VerificationRow>) -> Result<Opti
     let Some(identified) = identified.into_iter().next() else {
         return Ok(None);
     };
-    // `since` is 0: the ages of the points are not read here, and with 0 no session counts as outdated, so this cannot cause a refusal.
+    // 0: no session counts as outdated. This list does not read when the points were uploaded.
     let sessions = sessions.into_iter();
     let sessions: Vec<_> = sessions
         .map(|facts| session(identified.frame, 0, facts))
@@ -124,6 +124,7 @@ fn robot(
     let need_job_id = match need {
         Need::CheckRobot => row.check_job_id.clone(),
         Need::Drifted | Need::Due => row.session_job_id.clone(),
+        Need::Withdrawn => row.withdrawn_job_id.clone(),
         Need::JobFailed => row.job_id.clone(),
         Need::Review => row.newest_job_id.clone(),
         Need::Calibrate | Need::Nothing => None,
@@ -207,6 +208,8 @@ fn facts(
         is_worse: row.session_is_worse,
         // An absent set (`None`) counts as older than any other.
         has_newer: row.newest_created_at_ms > row.active_created_at_ms,
+        is_withdrawn: row.withdrawn_job_id.is_some(),
+        has_points: row.has_points,
         newest_refused_by,
         last_job: row.job_status,
         days_to_limit,

@@ -69,7 +69,7 @@ pub async fn stated_columns(
         Ok(row) => Ok(json::parse(row.content_json.as_bytes())?),
         Err(Error::NotFound(_)) => {
             let detail = format!(
-                "the robot has no column mapping called {stated:?}: store it with PUT /v1/robots/{{robot_id}}/columns/{{name}}, or give it in JSON"
+                "the robot has no column mapping called {stated:?}: keep one (PUT /v1/robots/{{robot_id}}/columns/{{name}}; kincal columns keep ROBOT NAME), or give it in JSON"
             );
             Err(Invalid::at("/columns", "unknown_mapping", detail).into())
         }

@@ -12,6 +12,8 @@ use crate::wire::suspicion::Insist;
 
 /// Maximum number of other models with which the upload is compared.
 const MAX_OTHERS: usize = 50;
+/// Maximum number of robots of one model that are named.
+const MAX_NAMES: usize = 5;
 /// Maximum number of pages of robots that are read to find other models.
 const MAX_PAGES: usize = 10;
 
@@ -52,23 +54,49 @@ pub async fn diagnose(
     Ok(accept_misfit(explanation, insist, unread.as_deref())?)
 }
 
-/// The newest robot of each other model with as many joints.
+/// Robots of another model.
+struct OtherModel {
+    robot: RobotBody,
+    /// Their names, the newest first.
+    names: Vec<String>,
+}
+
+impl OtherModel {
+    /// The names in quotes: they cannot be told apart by their links.
+    fn in_words(&self) -> String {
+        let named = self.names.iter().take(MAX_NAMES);
+        let named: Vec<String> = named.map(|name| format!("{name:?}")).collect();
+        let more = match self.names.len() - named.len() {
+            0 => String::new(),
+            n => format!(" or {n} more robots with the same links"),
+        };
+        named.join(" or ") + &more
+    }
+}
+
+/// The other models with as many joints.
 async fn other_models(
     app: &App,
     caller: &Caller,
     robot_id: &str,
     own: &RobotBody,
-) -> Result<Vec<RobotBody>, Error> {
-    let mut others: Vec<RobotBody> = Vec::new();
+) -> Result<Vec<OtherModel>, Error> {
+    let mut others: Vec<OtherModel> = Vec::new();
     let mut request = ListRequest::all();
     for _ in 0..MAX_PAGES {
         let page = robots::search(&app.store, caller.robots.as_deref(), &request).await?;
         let rows = page.items.iter().filter(|row| row.id != robot_id);
         for body in rows.filter_map(|row| access::robot_body(row).ok()) {
-            let is_new =
-                body.links != own.links && others.iter().all(|known| known.links != body.links);
-            if is_new && body.links.len() == own.links.len() {
-                others.push(body);
+            if body.links == own.links || body.links.len() != own.links.len() {
+                continue;
+            }
+            let is_known = |known: &&mut OtherModel| known.robot.links == body.links;
+            match others.iter_mut().find(is_known) {
+                Some(known) => known.names.push(body.name),
+                None => others.push(OtherModel {
+                    names: vec![body.name.clone()],
+                    robot: body,
+                }),
             }
         }
         request.cursor = page.next_cursor;
@@ -80,10 +108,10 @@ async fn other_models(
     Ok(others)
 }
 
-fn explanation(misfit: &Misfit, others: &[RobotBody]) -> Result<Explanation, Error> {
+fn explanation(misfit: &Misfit, others: &[OtherModel]) -> Result<Explanation, Error> {
     let named = others
         .iter()
-        .map(|body| Ok((body.name.clone(), Robot::try_from(body)?)));
+        .map(|other| Ok((other.in_words(), Robot::try_from(&other.robot)?)));
     let others: Vec<_> = named.collect::<Result<_, Error>>()?;
     Ok(alignment::explain(
         &Robot::try_from(&misfit.robot)?,

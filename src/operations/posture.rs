@@ -1,6 +1,6 @@
 //! The nominal pose of a posture, with the orientation angles of several manufacturers.
 
-use crate::kinematics::rotation::rotation_vector;
+use crate::kinematics::rotation::rotation_log;
 use crate::kinematics::{Robot, t_base_flange};
 use crate::wire::issue::Invalid;
 use crate::wire::posture::{PostureAnswer, PostureBody};
@@ -49,7 +49,7 @@ pub fn posture(request: &PostureBody, robot: &Robot) -> Result<PostureAnswer, In
         quaternion: quaternion(&t.rotation),
         kuka_abc_deg: [yaw, pitch, roll],
         fanuc_wpr_deg: [roll, pitch, yaw],
-        ur_rotation_vector_rad: rotation_vector(&t.rotation).into(),
+        ur_rotation_vector_rad: rotation_log(&t.rotation).into(),
         angles_not_unique,
         q_model_deg: q_model_rad.iter().map(|rad| rad.to_degrees()).collect(),
         outside_limits: outside.map(|(i, _)| i + 1).collect(),
@@ -68,7 +68,7 @@ pub fn posture(request: &PostureBody, robot: &Robot) -> Result<PostureAnswer, In
 
 /// Angle of the rotation between two orientations, from the quaternion, which is accurate for small angles.
 fn apart_deg(a: &Rotation3<f64>, b: &Rotation3<f64>) -> f64 {
-    rotation_vector(&(a.inverse() * b)).norm().to_degrees()
+    rotation_log(&(a.inverse() * b)).norm().to_degrees()
 }
 
 /// Joints, counted from 1, that are not checked: half a turn moves the position by less than [`MAX_APART`] of its distance from the base.

@@ -200,17 +200,15 @@ impl<'t> Urdf<'t> {
                 .filter(|i| self.joints[*i].joint.axis.is_some())
                 .collect()
         };
+        if paths.is_empty() && !self.joints.is_empty() {
+            let detail = "the URDF's joints form a loop: each link is the parent of another one, so no link is the tip. State the tip, and break the loop";
+            return Err(invalid("no_joints", detail));
+        }
         let most = n_moving
             .or_else(|| paths.iter().map(|path| moving(path).len()).max())
             .filter(|n| *n > 0);
         let Some(most) = most else {
-            let detail = match paths.is_empty() && !self.joints.is_empty() {
-                true => {
-                    "the URDF's joints form a loop: each link is the parent of another one, so no link is the tip. State the tip, and break the loop"
-                }
-                false => "no joint of the URDF moves",
-            };
-            return Err(invalid("no_joints", detail));
+            return Err(invalid("no_joints", "no joint of the URDF moves"));
         };
         let candidates: Vec<&[usize]> = paths
             .iter()
@@ -218,6 +216,9 @@ impl<'t> Urdf<'t> {
             .map(Vec::as_slice)
             .collect();
         let Some(longest) = candidates.iter().max_by_key(|path| path.len()) else {
+            if paths.is_empty() {
+                return Err(invalid("no_joints", "the URDF has no joints"));
+            }
             let found: BTreeSet<usize> = paths.iter().map(|path| moving(path).len()).collect();
             let found: Vec<String> = found.iter().map(usize::to_string).collect();
             let detail = format!(

@@ -304,7 +304,7 @@ fn instrument_scale(facts: &StoredFacts<'_>) -> Option<Gate> {
 fn better_than_active(facts: &Facts<'_>) -> Gate {
     let name = "improved_on_active";
     if facts.active.is_none() {
-        return Gate::new(name, true, "the robot has no active set");
+        return Gate::new(name, true, "the robot has no other active set");
     }
     if facts.is_rollback {
         return Gate::new(name, true, "not compared: the set was active before").warned(true);

@@ -35,6 +35,10 @@ pub struct NeedFacts {
     pub is_worse: bool,
     /// A set that is not withdrawn is newer than the released set, or no set is released.
     pub has_newer: bool,
+    /// A released set was withdrawn, and no other is released.
+    pub is_withdrawn: bool,
+    /// Measured points are stored.
+    pub has_points: bool,
     /// The gate that refuses the newest set's release by stored facts.
     pub newest_refused_by: Option<String>,
     /// Status of the newest job.
@@ -54,6 +58,15 @@ pub fn need(facts: &NeedFacts) -> (Need, String) {
     if let Some(reason) = drift(facts) {
         return (Need::Drifted, reason);
     }
+    if facts.is_withdrawn {
+        let reason = match facts.has_newer {
+            true => {
+                "the active set was withdrawn, so the cell has no parameters; another result waits for a decision"
+            }
+            false => "the active set was withdrawn, so the cell has no parameters; calibrate again",
+        };
+        return (Need::Withdrawn, reason.into());
+    }
     if facts.last_job == Some(JobStatus::Failed) {
         return (
             Need::JobFailed,
@@ -72,10 +85,11 @@ pub fn need(facts: &NeedFacts) -> (Need, String) {
         return (Need::Due, format!("the error reaches its limit {when}"));
     }
     if !facts.is_released {
-        return (
-            Need::Calibrate,
-            "it has no result; upload measured points".into(),
-        );
+        let reason = match facts.has_points {
+            true => "it has no result; calibrate with the stored points",
+            false => "it has no result; upload measured points",
+        };
+        return (Need::Calibrate, reason.into());
     }
     (Need::Nothing, String::new())
 }
@@ -210,6 +224,14 @@ mod tests {
                     ..session(0.16)
                 },
                 Need::Nothing,
+            ),
+            (
+                NeedFacts {
+                    is_withdrawn: true,
+                    is_released: false,
+                    ..failed.clone()
+                },
+                Need::Withdrawn,
             ),
             (failed, Need::JobFailed),
             (

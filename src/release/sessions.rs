@@ -39,7 +39,7 @@ pub struct UnscoredSession {
     pub has_changed: bool,
 }
 
-/// Ages of uploads, as numbers in the audit chain.
+/// When uploads were made: their numbers in the audit chain, so a higher number is a newer upload.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Ages {
     /// Of the points that the set was identified from.
@@ -50,9 +50,8 @@ pub struct Ages {
     pub last_check: i64,
 }
 
-/// The age from which sessions show the robot as it is now; 0 if all sessions do. If the set's points are newer than those of the active
-/// set, or than a session that did not fit the robot, older sessions are outdated: an old file, uploaded late, agrees with the robot as it
-/// was before.
+/// Sessions with a lower number are outdated; 0 if none is. If the set's points are newer than those of the active set, or than a session that
+/// did not fit the robot, older sessions are outdated: an old file, uploaded late, agrees with the robot as it was before.
 pub fn current_since(ages: Ages) -> i64 {
     let newer = [ages.active, ages.last_check].into_iter();
     newer.filter(|since| ages.own > *since).max().unwrap_or(0)

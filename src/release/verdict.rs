@@ -105,6 +105,8 @@ pub fn why_no_evidence(report: &Report) -> &'static str {
         "no point was held out: these are the errors of the fitted points"
     } else if has_warning(report, DOES_NOT_FIT) {
         "this file does not fit this robot"
+    } else if report.identify.n_points == 0 && report.parameter_set_from.is_none() {
+        "only the nominal robot was scored: no parameter set was named, and none is released"
     } else if has_warning(report, CHECK_CHANGED) {
         "the robot, its base or its tool has changed since"
     } else if has_warning(report, CHECK_CANNOT_TELL) {

@@ -64,10 +64,9 @@ const POSTGRES_WRITERS: u32 = 8;
 ///
 /// - `lock_timeout`: longest wait for one lock. Then the request fails, and the client tries again. A write to a row may wait for two locks, the
 ///   row's queue and the row itself, which makes 4 s in total.
-/// - `idle_in_transaction_session_timeout`: longest time for which the transaction of a frozen node keeps its locks. It must be longer than 4 s. When
-///   this transaction ends, the frozen node's other requests for the same row have already failed, so none of them holds the row for another 5
-///   s. The worst case is 9 s: one of them gets the row from another node just before its 4 s are over, and holds it for 5 s. The time for receiving
-///   data counts as idle, so the network must transfer the largest upload, 32 MiB, within 5 s.
+/// - `idle_in_transaction_session_timeout`: longest time for which the transaction of a frozen node keeps its locks. It must be longer than 4 s. The
+///   worst case is 9 s: a request of the frozen node waits 4 s for the row, gets it, and its transaction then holds the row for 5 s. The time for
+///   receiving data counts as idle, so the network must transfer the largest upload, 32 MiB, within 5 s.
 /// - TCP: detects a node that does not read its answer (8 s), or whose machine does not respond (5 s and three probes 1 s apart).
 const POSTGRES_SETTINGS: &str = "set lock_timeout = '2s'; set idle_in_transaction_session_timeout = '5s'; \
     set tcp_keepalives_idle = 5; set tcp_keepalives_interval = 1; set tcp_keepalives_count = 3; set tcp_user_timeout = '8s'";

@@ -57,6 +57,8 @@ row! {
         pub session_is_better: bool,
         pub session_is_worse: bool,
         pub n_sessions: i64,
+        pub withdrawn_job_id: Option<String>,
+        pub has_points: bool,
         pub job_id: Option<String>,
         pub job_kind: Option<Kind>,
         pub job_status: Option<JobStatus>,
@@ -93,6 +95,11 @@ const LIST: &str = concat!(
         case when s.is_better = 0 and s.evidence <> 'none' then cast(0 as bigint) else cast(1 as bigint) end as session_is_better,
         coalesce(s.is_worse, 0) as session_is_worse,
         (select count(*) from verification w where w.parameter_set_id = a.id and w.kind = 'session') as n_sessions,
+        case when a.id is null then (select w.job_id from parameter_set w where w.robot_id = r.id and w.status = 'withdrawn'
+            and w.released_at_ms is not null and not exists (select 1 from archived x where x.id in (w.id, w.job_id))
+            order by w.created_at_ms desc, w.id desc limit 1) end as withdrawn_job_id,
+        case when exists (select 1 from measurement_set m where m.robot_id = r.id and not exists (select 1 from archived x where x.id = m.id))
+            then cast(1 as bigint) else cast(0 as bigint) end as has_points,
         j.id as job_id, j.kind as job_kind, j.status as job_status, j.created_at_ms as job_created_at_ms, j.finished_at_ms as job_finished_at_ms
     from robot_now r
     left join robot_policy y on y.robot_id = r.id

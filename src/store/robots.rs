@@ -154,6 +154,7 @@ fn as_created(row: &RobotRow) -> Value {
 
 fn as_edited(row: &RobotRow) -> Option<(i64, Value)> {
     let detail = json!({"version": row.version, "name": row.name});
+    // No column has the time of the edit, so the entry is required whatever its time.
     (row.version > 1).then_some((i64::MAX, detail))
 }
 

@@ -122,9 +122,9 @@ pub struct CompensateAnswer {
     /// without corrections.
     pub extrapolated: Vec<bool>,
     /// Standard uncertainty of the tool's position with the corrected joint values, in `frame`, mm (3-D: root of the sum of the three variances). It
-    /// contains the uncertainty of the identified links and corrections, of the work frame, and that of a tool. A tool from a drawing misses by the errors of
-    /// `theta_offset` and `d` of the last link, which measured positions do not show: their usual size is contained. For a tool that was measured with
-    /// this robot give its `std_mm` instead. It does not contain the robot's repeatability, nor the values of `left_out`. Absent if the uncertainty
+    /// contains the uncertainty of the identified links and corrections, of the work frame, and that of a tool. For a tool
+    /// from a drawing, and for a measured reflector in the measuring frame, it contains the usual errors of `theta_offset` and `d` of the last link, which
+    /// measured positions do not show. For a tool that was measured with this robot, give its `std_mm` instead. It does not contain the robot's repeatability, nor the values of `left_out`. Absent if the uncertainty
     /// of the links is not known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub position_std_mm: Option<Vec<f64>>,

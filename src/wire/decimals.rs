@@ -1,6 +1,6 @@
 //! Numbers as text with a fixed number of decimals, for tables.
 
-/// The number with so many decimals. One that rounds to zero has no sign.
+/// Formats a number with this many decimals; zero has no minus sign.
 pub fn fixed(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     let is_zero = value.is_finite() && !text.contains(|c: char| ('1'..='9').contains(&c));

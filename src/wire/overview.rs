@@ -15,6 +15,8 @@ pub enum Need {
     CheckRobot,
     /// The error of the released set in the newest session exceeds the tolerance, or is much larger than when the set was identified.
     Drifted,
+    /// The released set was withdrawn, and no other is released: the cell has no parameters.
+    Withdrawn,
     /// The newest job failed.
     JobFailed,
     /// A new parameter set (newer than the released set, or the first one) waits for a decision.

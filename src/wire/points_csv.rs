@@ -107,7 +107,7 @@ fn subset(subset: Subset) -> String {
     }
 }
 
-/// An angle in degrees, with few digits where these are the same angle.
+/// The angle in degrees with the shortest text.
 fn degrees(angle_rad: f64) -> f64 {
     let degrees = angle_rad.to_degrees();
     let rounded = (degrees * 1e9).round() / 1e9;

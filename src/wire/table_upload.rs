@@ -122,7 +122,7 @@ pub fn read(files: &Files, options: &UploadOptions) -> Result<(MeasurementSet, R
     }
     let (robot, instrument) = match (read(0), read(1)) {
         (Ok(robot), Ok(instrument)) => (robot, instrument),
-        // both files are mended at once
+        // The issues of both files are reported together.
         (Err(mut of_robot), Err(of_instrument)) => {
             of_robot.issues.extend(of_instrument.issues);
             of_robot.issues.truncate(MAX_ISSUES);

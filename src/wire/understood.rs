@@ -35,8 +35,8 @@ pub struct UnderstoodBody {
     /// True if quotes that close nothing were read as plain characters, or cells with line breaks were joined.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub plain_quotes: bool,
-    /// Whether rows that begin with a comment sign are comments: as the mapping states it, else true if at most one in five rows begins so. Absent if no row of data
-    /// begins so.
+    /// Whether rows that begin with a comment sign are comments: as the mapping states, else true for at most one row in five. Absent if no row begins
+    /// with such a sign.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub comments: Option<bool>,
     /// The columns that are read.

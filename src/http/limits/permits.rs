@@ -179,10 +179,9 @@ impl Limits {
         take(&self.0.waiting, 1)
     }
 
-    /// Waits at most [`PERMIT_TIMEOUT`] for a permit to compute, or to read a whole document from the database. Take it before reading large
-    /// inputs, so that waiting requests hold none in memory. If the answer is a document, take it before reading any row: then few database
-    /// connections read documents, and only these keep memory for them (with 40 clients, the process takes 340 MiB). A request of
-    /// [`RequestClass::Safety`] takes its only permit here.
+    /// Waits at most [`PERMIT_TIMEOUT`] for a permit to compute, or to read a whole document from the database. Acquire it before reading large
+    /// inputs or documents: waiting requests then hold none in memory, and few database connections read documents. Each connection that reads
+    /// one keeps memory for it. A request of [`RequestClass::Safety`] acquires its only permit here.
     pub async fn compute(&self, class: RequestClass) -> Result<ComputePermit, Error> {
         let permits = match class {
             RequestClass::Read | RequestClass::CostlyRead | RequestClass::Calculation => {

@@ -27,7 +27,7 @@ pub struct Source<'a> {
 /// Distance (mm) and angle (rad) below which the base counts as equal to the frame of the measured positions.
 const SAME_BASE_MM: f64 = 1e-3;
 const SAME_BASE_RAD: f64 = 1e-6;
-/// The base is where its frame says if its rotation is at most this many standard deviations of its prior.
+/// Largest rotation of the base that counts as none, in standard deviations of its prior.
 const MAX_BASE_STDS: f64 = 3.0;
 
 impl Source<'_> {
