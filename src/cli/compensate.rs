@@ -5,7 +5,8 @@ use super::column_options::ColumnOptions;
 use super::files::{cannot_be_used, convention, read, read_json};
 use super::numbers::three_mm;
 use super::program;
-use super::subject::item;
+use super::runtime::block_on;
+use super::subject::{SetOfRobot, item, parameter_set_id};
 use super::terminal;
 use super::terminal::{Output, plain};
 use super::usage::Usage;
@@ -21,6 +22,7 @@ use crate::wire::issue::Invalid;
 use crate::wire::robot::Robot;
 use crate::wire::tool::ToolBody;
 use anyhow::Context;
+use reqwest::Method;
 use std::path::PathBuf;
 
 /// Correct the targets of a program that was made offline.
@@ -34,8 +36,8 @@ pub struct Arguments {
     /// With --parameters: PROGRAM. Without: PARAMETERS.json (GET /v1/parameter-sets/{id}/export) and PROGRAM.
     #[arg(value_name = "PARAMETERS.json PROGRAM", num_args = 1..=2, required = true)]
     files: Vec<PathBuf>,
-    /// Id of a parameter set on the server, instead of a file.
-    #[arg(long, env = "KINCAL_PARAMETERS", value_name = "ID")]
+    /// A parameter set on the server instead of a file: its id, or its robot for the released set.
+    #[arg(long, env = "KINCAL_PARAMETERS", value_name = "ID|ROBOT")]
     parameters: Option<String>,
     #[command(flatten)]
     server: ServerArguments,
@@ -188,8 +190,12 @@ fn correct(arguments: &Arguments, targets: &[ProgramTarget]) -> anyhow::Result<C
     }
     match (&arguments.parameters, arguments.files.as_slice()) {
         (Some(id), [_]) => {
-            let path = item("parameter-sets", id, "/compensate")?;
-            let answer = arguments.server.post(&path, &body)?;
+            let answer = block_on(async {
+                let client = arguments.server.client()?;
+                let id = parameter_set_id(&client, id, SetOfRobot::Active).await?;
+                let path = item("parameter-sets", &id, "/compensate")?;
+                client.send(Method::POST, &path, &body).await
+            })?;
             serde_json::from_value(answer)
                 .context("the server's answer is of another version of kincal")
         }

@@ -171,8 +171,8 @@ impl OfRobot {
 pub struct RobotArguments {
     #[command(flatten)]
     server: ServerArguments,
-    /// Show this one in full.
-    #[arg(value_name = "ID")]
+    /// Show this one in full: its id, name or serial number.
+    #[arg(value_name = "ROBOT")]
     pub(super) id: Option<String>,
     /// Only robots whose name or serial number contains this text.
     #[arg(long, env = "KINCAL_SEARCH", value_name = "TEXT")]
@@ -399,8 +399,12 @@ fn list_or_show(
     );
     block_on(async {
         let client = server.client()?;
-        if let Some(id) = id {
-            return terminal::json(&client.get(&item(kind.one, id, "")?).await?);
+        if let Some(named) = id {
+            let id = match kind.one == ROBOTS.one {
+                true => client.robot_id(named).await?,
+                false => named.clone(),
+            };
+            return terminal::json(&client.get(&item(kind.one, &id, "")?).await?);
         }
         let robot = match robot {
             Some(robot) => client.robot_id(robot).await?,

@@ -1,22 +1,26 @@
 //! `kincal predict`: the tool's position for joint values, computed with identified parameters.
 
 use super::numbers;
-use super::subject::OfParameterSet;
-use super::terminal::plain;
+use super::runtime::block_on;
+use super::subject::{ParameterSetArgument, SetOfRobot, item};
+use super::terminal::{Output, plain};
 use crate::wire::decimals::fixed;
+use reqwest::Method;
 use serde_json::{Value, json};
 
 /// The tool's position for joint values, computed with identified parameters.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     #[command(flatten)]
-    set: OfParameterSet,
+    set: ParameterSetArgument,
     /// The controller's joint values in degrees, with commas; one argument per pose. A single pose may have spaces instead of commas.
     #[arg(value_name = "Q1,Q2,…", required = true, allow_negative_numbers = true, value_parser = pose)]
     poses: Vec<Pose>,
     /// The reflector (0-based) [default: 0].
     #[arg(long, env = "KINCAL_TARGET")]
     target: Option<usize>,
+    #[command(flatten)]
+    output: Output,
 }
 
 /// Joint values of one pose, degrees.
@@ -39,7 +43,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(target) = arguments.target {
         body["target"] = json!(target);
     }
-    let answer = arguments.set.post("/predict", &body)?;
+    let answer = block_on(async {
+        let client = arguments.set.server.client()?;
+        let id = arguments.set.id(&client, SetOfRobot::Active).await?;
+        let path = item("parameter-sets", &id, "/predict")?;
+        client.send(Method::POST, &path, &body).await
+    })?;
     for warning in answer["warnings"].as_array().into_iter().flatten() {
         let [code, detail] = ["code", "detail"].map(|field| warning[field].as_str());
         let text = format!(
@@ -49,7 +58,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         );
         eprintln!("{}", plain(&text));
     }
-    arguments.set.output.print(&answer, || {
+    arguments.output.print(&answer, || {
         let extrapolated = &answer["extrapolated"];
         let positions = answer["position_mm"].as_array().into_iter().flatten();
         let line = |(i, position): (usize, &Value)| {

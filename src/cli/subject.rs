@@ -45,11 +45,6 @@ macro_rules! item_of_a_server {
             pub fn get(&self, below: &str) -> anyhow::Result<Value> {
                 self.server.get(&item($kind, &self.id, below)?)
             }
-
-            /// Sends JSON to a path below the item.
-            pub fn post(&self, below: &str, body: &impl Serialize) -> anyhow::Result<Value> {
-                self.server.post(&item($kind, &self.id, below)?, body)
-            }
         }
     };
 }
@@ -79,38 +74,46 @@ pub enum SetOfRobot {
 }
 
 impl ParameterSetArgument {
-    /// The id of the parameter set.
-    ///
-    /// # Errors
-    /// [`Usage`] if a robot has no such set, or several candidates: a person chooses what is released.
+    /// As [`parameter_set_id`].
     pub async fn id(&self, client: &Client, which: SetOfRobot) -> anyhow::Result<String> {
-        let named = self.named.as_str();
-        if named.starts_with("par_") {
-            return Ok(checked(named)?.into());
-        }
-        let robot = client.robot_id(named).await?;
-        let sets = format!("/v1/robots/{robot}/parameter-sets");
-        if which == SetOfRobot::Active {
-            let active = client.get(&format!("{sets}/active")).await?;
-            return Ok(active["id"].as_str().unwrap_or_default().into());
-        }
-        let answer = client
-            .get(&format!("{sets}?status=candidate&limit={MAX_NAMED}"))
-            .await?;
-        let items = answer["items"].as_array().into_iter().flatten();
-        let ids: Vec<&str> = items.filter_map(|set| set["id"].as_str()).collect();
-        match ids[..] {
-            [id] => Ok(id.into()),
-            [] => Err(Usage(format!(
-                "robot {named:?} has no candidate; `kincal params --robot {named:?}` lists its parameter sets"
-            ))
-            .into()),
-            _ => Err(Usage(format!(
-                "robot {named:?} has several candidates; name one of them: {}",
-                ids.join(", ")
-            ))
-            .into()),
-        }
+        parameter_set_id(client, &self.named, which).await
+    }
+}
+
+/// The id of the parameter set that a text names: by its own id, or by its robot's id, name or serial number.
+///
+/// # Errors
+/// [`Usage`] if a robot has no such set, or several candidates: a person chooses what is released.
+pub async fn parameter_set_id(
+    client: &Client,
+    named: &str,
+    which: SetOfRobot,
+) -> anyhow::Result<String> {
+    if named.starts_with("par_") {
+        return Ok(checked(named)?.into());
+    }
+    let robot = client.robot_id(named).await?;
+    let sets = format!("/v1/robots/{robot}/parameter-sets");
+    if which == SetOfRobot::Active {
+        let active = client.get(&format!("{sets}/active")).await?;
+        return Ok(active["id"].as_str().unwrap_or_default().into());
+    }
+    let answer = client
+        .get(&format!("{sets}?status=candidate&limit={MAX_NAMED}"))
+        .await?;
+    let items = answer["items"].as_array().into_iter().flatten();
+    let ids: Vec<&str> = items.filter_map(|set| set["id"].as_str()).collect();
+    match ids[..] {
+        [id] => Ok(id.into()),
+        [] => Err(Usage(format!(
+            "robot {named:?} has no candidate; `kincal params --robot {named:?}` lists its parameter sets"
+        ))
+        .into()),
+        _ => Err(Usage(format!(
+            "robot {named:?} has several candidates; name one of them: {}",
+            ids.join(", ")
+        ))
+        .into()),
     }
 }
 item_of_a_server! {
@@ -119,6 +122,11 @@ item_of_a_server! {
 }
 
 impl OfJob {
+    /// Sends JSON to a path below the job.
+    pub fn post(&self, below: &str, body: &impl Serialize) -> anyhow::Result<Value> {
+        self.server.post(&item("jobs", &self.id, below)?, body)
+    }
+
     /// Reads a document below the job that is not JSON.
     pub fn read(&self, below: &str) -> anyhow::Result<Vec<u8>> {
         self.server.read(&item("jobs", &self.id, below)?)

@@ -213,6 +213,11 @@ fn a_plan_within_typed_joint_limits_is_downloaded_with_a_row_for_each_pose() {
         browser
             .until("document.querySelector(\"[aria-label='Joint 1, upper limit, °']\")")
             .await;
+        // A number field would drop the comma, and 0,02 would be 2.
+        let tolerance = browser.find("#policy-tolerance").await;
+        tolerance.send_keys("0,02").await.unwrap();
+        let typed = tolerance.prop("value").await.unwrap();
+        assert_eq!(typed.as_deref(), Some("0.02"));
         let one_limit = "document.querySelectorAll(\"[aria-label^='Joint 1,']\").forEach((input, i) => { input.value = ['', 40][i]; })";
         browser.run(one_limit).await;
         let store = "[...document.querySelectorAll('form')].find((f) => f.innerText.includes('Joint limits')).requestSubmit()";

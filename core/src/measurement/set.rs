@@ -2,7 +2,6 @@
 
 use crate::measurement::conventions::{Frame, Subset};
 use crate::measurement::position_noise::PositionNoise;
-use crate::solvers::median::median;
 use nalgebra::{Rotation3, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -226,7 +225,9 @@ impl MeasurementSet {
     /// Median of the stated standard uncertainties of one coordinate of a position, mm. A point that states none counts as 0.
     pub fn stated_position_std_mm(&self) -> f64 {
         let stated = self.points.iter().map(Point::position_std_mm);
-        median(stated.map(|std_mm| std_mm.unwrap_or(0.0))).unwrap_or(0.0)
+        let mut stated: Vec<f64> = stated.map(|std_mm| std_mm.unwrap_or(0.0)).collect();
+        stated.sort_by(f64::total_cmp);
+        stated.get(stated.len() / 2).copied().unwrap_or(0.0)
     }
 
     /// The largest stated standard uncertainty of a component of a rotation, rad; 0 if none is stated.

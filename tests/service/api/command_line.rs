@@ -218,8 +218,14 @@ async fn what_goes_wrong_says_what_to_do_next() {
         (
             vec!["jobs", "--robot", "ER20-C10"],
             2,
-            "several robots are called \"ER20-C10\": give --robot one of rob_",
+            "several robots are called \"ER20-C10\": name one by its id, in place of \"ER20-C10\": rob_",
         ),
+        (
+            vec!["predict", "Cell 9", "0,0,0,0,0,0"],
+            2,
+            "no robot is called \"Cell 9\"",
+        ),
+        (vec!["robots", "ER20-C10"], 2, "several robots are called"),
         (vec!["robots", "rob_0"], 1, "next: kincal robots lists"),
         (vec!["report", "job_0"], 1, "(not_found)"),
         (

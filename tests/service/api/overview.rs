@@ -134,6 +134,20 @@ async fn each_robot_says_what_it_needs_most_and_which_job_shows_it() {
     );
     assert_eq!(found["need_job_id"], drifted["id"], "{found}");
     assert!(!text(&found["reason"]).is_empty());
+
+    // A robot whose released set was withdrawn has no parameters in its cell.
+    for (action, body) in [("release", &reason), ("withdraw", &json!({"reason": "bent"}))] {
+        let set = text(&candidate["parameter_set_id"]);
+        let path = format!("/v1/parameter-sets/{set}/{action}");
+        let body = body.to_string().into_bytes();
+        post(&app, &admin, &path, "application/json", body).await;
+    }
+    let found = of(&waiting).await;
+    assert_eq!(
+        (&found["need"], &found["need_job_id"]),
+        (&json!("withdrawn"), &candidate["id"]),
+        "{found}"
+    );
 }
 
 /// The gates that columns decide, in the order in which the overview names them.

@@ -4,6 +4,7 @@ use crate::measurement::columns::mapping::Separator;
 use crate::measurement::columns::names::Known;
 use crate::measurement::columns::words::is_one_of;
 use crate::measurement::table::Table;
+use crate::measurement::table::header::{ROTATION, has_rotation_and_position};
 
 /// Words above columns that were not measured, or that are differences and spreads.
 pub const NOT_MEASURED: &str = "tcp|controller|nominal|nom|soll|sollwert|sollwerte|deviation|deviations|dev|abweichung|\
@@ -29,15 +30,6 @@ fn is_measured(group: &str) -> Option<bool> {
         _ => None,
     }
 }
-
-/// Whether the line above the header has the groups `Rotation` and `Position`, as for a rigid body in files of OptiTrack.
-pub fn has_rotation_and_position(above: &[String]) -> bool {
-    let has = |name: &str| above.iter().any(|cell| cell.eq_ignore_ascii_case(name));
-    has(ROTATION) && has("position")
-}
-
-/// Above X, Y and Z that are components of a rotation.
-const ROTATION: &str = "rotation";
 
 /// Ignores columns named X, Y and Z that belong to the rotation of a rigid body.
 pub fn without_rotations(table: &Table, mut known: Vec<(usize, Known)>) -> Vec<(usize, Known)> {

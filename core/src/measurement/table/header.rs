@@ -3,7 +3,6 @@
 use crate::measurement::columns::mapping::{Mapping, Separator};
 use crate::measurement::columns::names::{Known, LENGTHS, Unit, recognise, unit_alone};
 use crate::measurement::issue::{ParseError, whole};
-use crate::measurement::table::groups::has_rotation_and_position;
 use crate::measurement::table::lines::{Line, cells, comment_mark, is_numeric, lines};
 
 /// Number of lines that are used to find the separator if no header is known.
@@ -251,14 +250,21 @@ pub fn unnamed(above: &[Line], separator: Separator) -> Vec<String> {
     vec![String::new(); widths.max().unwrap_or(0)]
 }
 
+/// Whether the line above the header has the groups `Rotation` and `Position`, as for a rigid body in files of OptiTrack.
+pub fn has_rotation_and_position(above: &[String]) -> bool {
+    let has = |name: &str| above.iter().any(|cell| cell.eq_ignore_ascii_case(name));
+    has(ROTATION) && has("position")
+}
+
+/// Above X, Y and Z that are components of a rotation.
+pub const ROTATION: &str = "rotation";
+
 /// The unit in a line such as `Length Units,Millimeters` above the header, as in files of OptiTrack.
 pub fn stated_length_unit(above: &[Line]) -> Option<&'static str> {
     // For a rigid body, columns named X, Y and Z may also be components of a quaternion. No unit is assumed unless a line tells them apart.
     let of_rotation = |line: &Line| {
         let cells = cells(line.text, Separator::Comma);
-        let has_rotation = cells
-            .iter()
-            .any(|cell| cell.eq_ignore_ascii_case("rotation"));
+        let has_rotation = cells.iter().any(|cell| cell.eq_ignore_ascii_case(ROTATION));
         has_rotation && !has_rotation_and_position(&cells)
     };
     if above.iter().any(of_rotation) {
