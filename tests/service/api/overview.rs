@@ -136,7 +136,10 @@ async fn each_robot_says_what_it_needs_most_and_which_job_shows_it() {
     assert!(!text(&found["reason"]).is_empty());
 
     // A robot whose released set was withdrawn has no parameters in its cell.
-    for (action, body) in [("release", &reason), ("withdraw", &json!({"reason": "bent"}))] {
+    for (action, body) in [
+        ("release", &reason),
+        ("withdraw", &json!({"reason": "bent"})),
+    ] {
         let set = text(&candidate["parameter_set_id"]);
         let path = format!("/v1/parameter-sets/{set}/{action}");
         let body = body.to_string().into_bytes();
