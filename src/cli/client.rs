@@ -53,9 +53,10 @@ impl ServerArguments {
         Client::new(&self.server, self.key.clone(), self.ca_cert.as_deref())
     }
 
-    /// Warns if several robots have this name, because commands then need the id.
-    pub fn warn_of_same_name(&self, name: &str) -> anyhow::Result<()> {
-        let alike = block_on(async { self.client()?.robots_called(name, "").await })?;
+    /// Warns if several robots have this name, because commands then need the id. A key that may not list robots gets no warning.
+    pub fn warn_of_same_name(&self, name: &str) {
+        let alike = block_on(async { self.client()?.robots_called(name, "").await });
+        let alike = alike.unwrap_or_default();
         if alike.len() > 1 {
             eprintln!(
                 "warning (same_name): {} robots are called {}: commands take their ids ({})",
@@ -64,7 +65,6 @@ impl ServerArguments {
                 alike.join(", ")
             );
         }
-        Ok(())
     }
 
     /// [`Client::get`] for a command that sends a single request.

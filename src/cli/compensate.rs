@@ -5,8 +5,7 @@ use super::column_options::ColumnOptions;
 use super::files::{cannot_be_used, convention, read, read_json};
 use super::numbers::three_mm;
 use super::program;
-use super::runtime::block_on;
-use super::subject::{SetOfRobot, item, parameter_set_id};
+use super::subject::post_to_parameter_set;
 use super::terminal;
 use super::terminal::{Output, plain};
 use super::usage::Usage;
@@ -22,7 +21,6 @@ use crate::wire::issue::Invalid;
 use crate::wire::robot::Robot;
 use crate::wire::tool::ToolBody;
 use anyhow::Context;
-use reqwest::Method;
 use std::path::PathBuf;
 
 /// Correct the targets of a program that was made offline.
@@ -190,12 +188,7 @@ fn correct(arguments: &Arguments, targets: &[ProgramTarget]) -> anyhow::Result<C
     }
     match (&arguments.parameters, arguments.files.as_slice()) {
         (Some(id), [_]) => {
-            let answer = block_on(async {
-                let client = arguments.server.client()?;
-                let id = parameter_set_id(&client, id, SetOfRobot::Active).await?;
-                let path = item("parameter-sets", &id, "/compensate")?;
-                client.send(Method::POST, &path, &body).await
-            })?;
+            let answer = post_to_parameter_set(&arguments.server, id, "/compensate", &body)?;
             serde_json::from_value(answer)
                 .context("the server's answer is of another version of kincal")
         }

@@ -1,11 +1,9 @@
 //! `kincal predict`: the tool's position for joint values, computed with identified parameters.
 
 use super::numbers;
-use super::runtime::block_on;
-use super::subject::{ParameterSetArgument, SetOfRobot, item};
+use super::subject::{ParameterSetArgument, post_to_parameter_set};
 use super::terminal::{Output, plain};
 use crate::wire::decimals::fixed;
-use reqwest::Method;
 use serde_json::{Value, json};
 
 /// The tool's position for joint values, computed with identified parameters.
@@ -43,12 +41,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(target) = arguments.target {
         body["target"] = json!(target);
     }
-    let answer = block_on(async {
-        let client = arguments.set.server.client()?;
-        let id = arguments.set.id(&client, SetOfRobot::Active).await?;
-        let path = item("parameter-sets", &id, "/predict")?;
-        client.send(Method::POST, &path, &body).await
-    })?;
+    let set = &arguments.set;
+    let answer = post_to_parameter_set(&set.server, &set.named, "/predict", &body)?;
     for warning in answer["warnings"].as_array().into_iter().flatten() {
         let [code, detail] = ["code", "detail"].map(|field| warning[field].as_str());
         let text = format!(

@@ -200,7 +200,7 @@ fn edit(arguments: &EditArguments) -> anyhow::Result<()> {
     }
     let robot = arguments.robot.send(reqwest::Method::PATCH, "", &patch)?;
     if let Some(name) = &arguments.name {
-        arguments.robot.server.warn_of_same_name(name)?;
+        arguments.robot.server.warn_of_same_name(name);
     }
     arguments.robot.output.print(&robot, || {
         format!(

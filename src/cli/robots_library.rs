@@ -349,7 +349,7 @@ fn add(arguments: &AddArguments) -> anyhow::Result<()> {
         body.mounting = Some(MountingBody::Named(mounting));
     }
     let robot = arguments.server.post("/v1/robots", &body)?;
-    arguments.server.warn_of_same_name(&body.name)?;
+    arguments.server.warn_of_same_name(&body.name);
     let text = |field: &str| plain(robot[field].as_str().unwrap_or_default());
     arguments.output.print(&robot, || {
         format!(

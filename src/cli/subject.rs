@@ -61,7 +61,7 @@ pub struct ParameterSetArgument {
     pub server: ServerArguments,
     /// The parameter set, as `kincal params` lists it; or its robot (id, name or serial number), for its only candidate or its released set.
     #[arg(value_name = "ID|ROBOT")]
-    named: String,
+    pub named: String,
 }
 
 /// Which parameter set of a robot a command is about.
@@ -80,11 +80,26 @@ impl ParameterSetArgument {
     }
 }
 
+/// Sends JSON to a path below the parameter set that a text names: by its own id, or by its robot for the released set.
+pub fn post_to_parameter_set(
+    server: &ServerArguments,
+    named: &str,
+    below: &str,
+    body: &impl Serialize,
+) -> anyhow::Result<Value> {
+    block_on(async {
+        let client = server.client()?;
+        let id = parameter_set_id(&client, named, SetOfRobot::Active).await?;
+        let path = item("parameter-sets", &id, below)?;
+        client.send(Method::POST, &path, body).await
+    })
+}
+
 /// The id of the parameter set that a text names: by its own id, or by its robot's id, name or serial number.
 ///
 /// # Errors
 /// [`Usage`] if a robot has no such set, or several candidates: a person chooses what is released.
-pub async fn parameter_set_id(
+async fn parameter_set_id(
     client: &Client,
     named: &str,
     which: SetOfRobot,

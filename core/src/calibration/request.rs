@@ -11,7 +11,8 @@ pub use crate::identification::{Model, Preset};
 
 use crate::identification::TrainedNetwork;
 use crate::kinematics::{Payload, ResidualNetwork, Robot};
-use crate::measurement::{Frame, MeasurementSet};
+use crate::measurement::{Frame, MeasurementSet, Point};
+use crate::solvers::median::median;
 
 /// Which of the model's parameters are free. Names are `a_1`, `alpha_1`, `d_1`, `theta_offset_1`, `beta_1`, ….
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -146,6 +147,12 @@ pub struct PreviousSession {
 }
 
 impl CalibrationRequest {
+    /// Median of the stated standard uncertainties of one coordinate of a position, mm. A point that states none counts as 0.
+    pub fn stated_position_std_mm(&self) -> f64 {
+        let stated = self.set.points.iter().map(Point::position_std_mm);
+        median(stated.map(|std_mm| std_mm.unwrap_or(0.0))).unwrap_or(0.0)
+    }
+
     /// A request with every default, for `robot` and `set`.
     pub fn new(robot: Robot, set: MeasurementSet) -> Self {
         Self {

@@ -222,14 +222,6 @@ impl MeasurementSet {
         order
     }
 
-    /// Median of the stated standard uncertainties of one coordinate of a position, mm. A point that states none counts as 0.
-    pub fn stated_position_std_mm(&self) -> f64 {
-        let stated = self.points.iter().map(Point::position_std_mm);
-        let mut stated: Vec<f64> = stated.map(|std_mm| std_mm.unwrap_or(0.0)).collect();
-        stated.sort_by(f64::total_cmp);
-        stated.get(stated.len() / 2).copied().unwrap_or(0.0)
-    }
-
     /// The largest stated standard uncertainty of a component of a rotation, rad; 0 if none is stated.
     pub fn stated_rotation_std_rad(&self) -> f64 {
         let stated = self

@@ -193,7 +193,7 @@ pub fn report(
     };
     let identifiability = identifiability(delivered_problem);
     let data_share = delivered_problem.data_share(delivered_model);
-    let mut fit = verdict::no_fit(&per_point, &request.robot.links, &request.set).or_else(|| {
+    let mut fit = verdict::no_fit(&per_point, request).or_else(|| {
         let named = problem.parameters.iter().zip(&data_share);
         let unseen: BTreeSet<String> = named
             .filter(|(_, share)| **share < DETERMINED)

@@ -35,7 +35,7 @@ pub enum PointLoss {
 }
 
 impl PointLoss {
-    /// The requested loss, with the scale from the screening. Without a scale, points for review are fitted by their squares.
+    /// The requested loss, with the scale from the screening.
     ///
     /// # Errors
     /// [`Error::Unusable`] with code `too_few_points_for_loss` if a robust loss was requested and the screening found no scale.
@@ -46,9 +46,6 @@ impl PointLoss {
             Loss::Tukey => losses::Loss::Tukey { c: TUKEY_C_95 },
         };
         let scale_mm = screening.scale_mm;
-        if scale_mm <= 0.0 && request.options.loss.is_none() {
-            return Ok(Self::Squares);
-        }
         if scale_mm <= 0.0 {
             let detail = "too few points for a robust loss: nothing shows the scatter of the points, beyond which the loss would limit their \
                           influence. Leave options.loss out, or measure more poses";

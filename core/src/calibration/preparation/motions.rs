@@ -158,7 +158,7 @@ pub fn fit_motions(
     };
     let parameters = with_target_rotations(parameters, &fitted_of(observed));
     let (mut nominal, mut model) = (None, None);
-    let stated_std_mm = request.set.stated_position_std_mm();
+    let stated_std_mm = request.stated_position_std_mm();
     for _ in 0..MOTION_FITS {
         arrangement.apply(observed);
         if subset.is_some() && !has_motions {

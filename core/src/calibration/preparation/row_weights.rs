@@ -76,7 +76,7 @@ pub fn start_of_poses(problem: &Problem<'_>) -> BestStart {
         None,
         &parameters,
         &positions,
-        problem.request.set.stated_position_std_mm(),
+        problem.request.stated_position_std_mm(),
         &placed,
     )
 }

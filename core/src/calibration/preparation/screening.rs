@@ -399,9 +399,10 @@ fn leave_out(
 }
 
 /// The loss of the fit: that of the request, else squares. With too many outliers to leave out, it is Huber's loss, which keeps all points and limits
-/// their influence.
+/// their influence; it needs the scatter of the points.
 pub fn loss(request: &CalibrationRequest, screening: &Screening) -> Loss {
-    let ours = if screening.is_for_review && !screening.is_down_weighted {
+    let limits_outliers = screening.is_for_review && !screening.is_down_weighted;
+    let ours = if limits_outliers && screening.scale_mm > 0.0 {
         Loss::Huber
     } else {
         Loss::Squares

@@ -186,7 +186,7 @@ pub fn stated_priors(
         None,
         parameters,
         &trusted,
-        request.set.stated_position_std_mm(),
+        request.stated_position_std_mm(),
         &|links, points| placed(request, links, points, problem.screening.targets.len()),
     )
     .model;

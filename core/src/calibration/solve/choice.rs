@@ -52,7 +52,7 @@ fn by_evidence(problem: &Problem<'_>) -> Choice {
             network.as_ref(),
             &problem.parameters,
             &problem.identify,
-            problem.request.set.stated_position_std_mm(),
+            problem.request.stated_position_std_mm(),
             &placed,
         ),
     };

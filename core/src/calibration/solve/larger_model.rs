@@ -53,7 +53,7 @@ pub fn warning(
     let fit = least_squares_from(&complete, &complete.nominal, None, monitor)?.model;
     let complete_mm = rms_mm(&fit, &complete.identify);
     // If the paper's model does not fit at all, it is sufficient that the complete model fits.
-    let limit_mm = no_fit_mm(&request.robot.links, &request.set);
+    let limit_mm = no_fit_mm(request);
     let is_remedy = fit_mm > limit_mm && complete_mm < 0.5 * limit_mm;
     if complete_mm * MIN_IMPROVEMENT > fit_mm && !is_remedy {
         return Ok(None);

@@ -2,7 +2,7 @@
 
 use crate::calibration::point_errors::{PointErrors, counted_errors_mm};
 use crate::calibration::report::{CalibrationReport, DOES_NOT_FIT, SubsetErrors, Warning};
-use crate::calibration::request::Method;
+use crate::calibration::request::{CalibrationRequest, Method};
 use crate::calibration::upload_checks::alignment::FITS;
 use crate::calibration::validation::fit::Fit;
 use crate::calibration::validation::robust_comparison::{RobustComparison, robust_comparison};
@@ -13,7 +13,7 @@ use crate::calibration::warnings::plausibility;
 use crate::calibration::warnings::refused_upload::advice;
 use crate::identification::least_squares::multistart::STATED_STDS;
 use crate::kinematics::{Link, Robot, reach_mm};
-use crate::measurement::{MeasurementSet, Subset};
+use crate::measurement::Subset;
 use crate::solvers::median::median;
 
 /// Warning: a parameter set is far off at points that fit the nominal robot.
@@ -202,11 +202,11 @@ impl Verdict {
 /// Limit of [`no_fit_mm`]: ten times the error of real arms after identification, as a share of the reach.
 const NO_FIT_PER_REACH: f64 = 1.5e-3;
 
-/// Median distance above which the identification has found nothing, mm. `set` has the stated noise.
-pub fn no_fit_mm(nominal: &[Link], set: &MeasurementSet) -> f64 {
+/// Median distance above which the identification has found nothing, mm.
+pub fn no_fit_mm(request: &CalibrationRequest) -> f64 {
     f64::max(
-        NO_FIT_PER_REACH * reach_mm(nominal),
-        STATED_STDS * set.stated_position_std_mm(),
+        NO_FIT_PER_REACH * reach_mm(&request.robot.links),
+        STATED_STDS * request.stated_position_std_mm(),
     )
 }
 /// Median angle above which the identified robot does not fit measured rotations, rad (2°). It is far above the noise of trackers.
@@ -214,11 +214,7 @@ const NO_FIT_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
 
 /// Warning if the identified robot does not fit the points of its upload, whether fitted or held out: their positions or, for poses, their
 /// rotations.
-pub fn no_fit(
-    per_point: &[PointErrors],
-    nominal: &[Link],
-    set: &MeasurementSet,
-) -> Option<Warning> {
+pub fn no_fit(per_point: &[PointErrors], request: &CalibrationRequest) -> Option<Warning> {
     let missed = |error: &dyn Fn(&PointErrors) -> Option<f64>, limit: f64| {
         let of = |subset: Subset| {
             let of_subset = per_point.iter().filter(|point| point.subset == subset);
@@ -229,8 +225,8 @@ pub fn no_fit(
             None => Some(("the points to verify", of(Subset::Verify)?)),
         }
     };
-    let by_position = missed(&|point| Some(point.after_mm), no_fit_mm(nominal, set));
-    let no_fit_rad = NO_FIT_RAD.max(STATED_STDS * set.stated_rotation_std_rad());
+    let by_position = missed(&|point| Some(point.after_mm), no_fit_mm(request));
+    let no_fit_rad = NO_FIT_RAD.max(STATED_STDS * request.set.stated_rotation_std_rad());
     let by_rotation = || missed(&|point| Some(point.rotation_rad?[1]), no_fit_rad);
     let detail = if let Some((which, median_mm)) = by_position {
         format!(

@@ -139,10 +139,10 @@ pub fn explain(
     let free = free.flatten().filter(|free| explains(free.rms_mm));
     // A zero of joint 1 that is shifted by quarter turns is equivalent to a rotated frame. Frames are therefore tried before zeros.
     if let Some(best) = best.as_ref().filter(|best| best.rms_mm <= suspect.fits_mm)
-        && !best.what.is_turned()
+        && !best.cause.is_turned()
     {
         let free = free.filter(|free| Suspect::are_equal(free, best));
-        return match (&best.what, free) {
+        return match (&best.cause, free) {
             (Cause::Joints(convention), Some(free)) => suspect.frame_or_joints(&free, convention),
             _ => Explanation::Refusal(suspect.suspicion(best, others)),
         };
@@ -152,7 +152,7 @@ pub fn explain(
     }
     if let Some(best) = best.as_ref().filter(|best| best.rms_mm <= suspect.fits_mm) {
         // A frame that is rotated by quarter turns, together with an unmastered joint.
-        let is_frame = set.frame == Frame::Base && best.what.turns_first_joint();
+        let is_frame = set.frame == Frame::Base && best.cause.turns_first_joint();
         return is_frame
             .then(|| suspect.frame_and_joints())
             .flatten()

@@ -34,7 +34,7 @@ const MIN_FOR_SIGNS: usize = 12;
 
 /// A possible cause, and how well the robot then fits.
 pub struct Candidate {
-    pub what: Cause,
+    pub cause: Cause,
     pub rms_mm: f64,
     /// Another cause with the same effect: a left-handed file, or joints that are counted in the opposite direction.
     pub or: Option<Cause>,
@@ -43,9 +43,9 @@ pub struct Candidate {
 }
 
 impl Candidate {
-    fn new(what: Cause, rms_mm: f64) -> Self {
+    fn new(cause: Cause, rms_mm: f64) -> Self {
         Self {
-            what,
+            cause,
             rms_mm,
             or: None,
             zeros: None,
@@ -143,8 +143,8 @@ impl<'a> Suspect<'a> {
     fn convention(&self, frame: Frame) -> Option<Candidate> {
         let (convention, fitted) =
             joint_maps::search(&self.robot.links, &self.observations, frame, self.fits_mm)?;
-        let what = Cause::Joints(Box::new(convention));
-        Some(Candidate::new(what, fitted.rms_mm))
+        let cause = Cause::Joints(Box::new(convention));
+        Some(Candidate::new(cause, fitted.rms_mm))
     }
 
     /// A convention that fits if joints may also be unmastered.
@@ -152,8 +152,8 @@ impl<'a> Suspect<'a> {
         let links = &self.robot.links;
         let (convention, zeros) =
             joint_maps::search_with_zeros(links, &self.observations, frame, self.fits_mm)?;
-        let what = Cause::Joints(Box::new(convention));
-        let candidate = Candidate::new(what, zeros.rms_mm);
+        let cause = Cause::Joints(Box::new(convention));
+        let candidate = Candidate::new(cause, zeros.rms_mm);
         Some(Candidate {
             zeros: Some(zeros),
             ..candidate
@@ -185,17 +185,17 @@ impl<'a> Suspect<'a> {
         let best_mm = all.iter().map(|s| s.rms_mm).fold(f64::INFINITY, f64::min);
         all.retain(|candidate| candidate.rms_mm <= EQUALLY_GOOD * best_mm);
         all.sort_by(|a, b| {
-            let order = a.what.rank(self.frame).cmp(&b.what.rank(self.frame));
+            let order = a.cause.rank(self.frame).cmp(&b.cause.rank(self.frame));
             order.then(a.rms_mm.total_cmp(&b.rms_mm))
         });
         let mut all = all.into_iter();
         let mut likeliest = all.next()?;
-        let looks_the_same = |other: &Candidate| match &likeliest.what {
-            Cause::Joints(_) => other.what.is_left_handed(),
-            what => what.is_left_handed() && matches!(other.what, Cause::Joints(_)),
+        let looks_the_same = |other: &Candidate| match &likeliest.cause {
+            Cause::Joints(_) => other.cause.is_left_handed(),
+            cause => cause.is_left_handed() && matches!(other.cause, Cause::Joints(_)),
         };
         let or = all.find(|other| looks_the_same(other));
-        likeliest.or = or.map(|other| other.what);
+        likeliest.or = or.map(|other| other.cause);
         Some(likeliest)
     }
 
@@ -219,7 +219,7 @@ impl<'a> Suspect<'a> {
         let as_it_is = format!(
             "as it is, the nominal robot fits these points only to {off_mm} mm (rms, best alignment)"
         );
-        match &candidate.what {
+        match &candidate.cause {
             Cause::File(hypothesis) => {
                 let names: Vec<&str> = others.iter().map(|(name, _)| name.as_str()).collect();
                 let (words, hint) = (hypothesis.words(&names), hypothesis.hint());
@@ -410,7 +410,7 @@ impl<'a> Suspect<'a> {
             .filter(|found| fits(found.rms_mm))
             .or_else(|| self.convention_and_zeros(Frame::Instrument))
             .filter(|found| fits(found.rms_mm))?;
-        let Cause::Joints(convention) = &candidate.what else {
+        let Cause::Joints(convention) = &candidate.cause else {
             return None;
         };
         let off = candidate.zeros.as_ref().and_then(offsets);
