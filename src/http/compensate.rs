@@ -44,7 +44,7 @@ pub async fn compensate(
     let row = access::parameter_set(&app, &caller, &id).await?;
     let robot = access::robot_of_set(&app, &caller, &row).await?;
     let bytes = json_body(request, &app).await?;
-    let permit = app.limits.compute(caller.class).await?;
+    let permit = app.limits.compute_permit(caller.class).await?;
     let body = permit.run(move || Ok::<_, Error>(json::parse::<CompensateBody>(&bytes)?));
     let body = body.await?;
     let stored = Stored::load(&app, &permit, (row, robot), &body).await?;
@@ -134,7 +134,7 @@ pub async fn program(
     let rotation = query.rotation.as_deref();
     let rotation = rotation.map(rotation_convention).transpose()?;
     let bytes = whole_body(request, &app).await?;
-    let permit = app.limits.compute(caller.class).await?;
+    let permit = app.limits.compute_permit(caller.class).await?;
     let n_joints = robot.links.len();
     let parse =
         move || Ok::<_, Error>(Program::parse(&bytes, &columns, rotation)?.of_joints(n_joints));

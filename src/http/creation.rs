@@ -150,7 +150,7 @@ impl Submission {
             Some(scope) => self
                 .app
                 .store
-                .answered(scope)
+                .stored_answer(scope)
                 .await?
                 .map(respond)
                 .transpose(),

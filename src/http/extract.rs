@@ -139,8 +139,8 @@ pub async fn whole_body<S: Send + Sync>(request: Request, _: &S) -> Result<Bytes
         return Err(Error::Internal("a route without limits".into()));
     };
     let limits = limits.clone();
-    let mut budget = limits.body(caller.class, declared)?;
-    let bytes = arrive(
+    let mut budget = limits.body_budget(caller.class, declared)?;
+    let bytes = read_body(
         request.into_body(),
         declared,
         &mut budget,
@@ -149,7 +149,7 @@ pub async fn whole_body<S: Send + Sync>(request: Request, _: &S) -> Result<Bytes
     .await?;
     Ok(Bytes::from_owner(Received {
         bytes,
-        _permits: budget.arrived()?,
+        _permits: budget.take_class_permit()?,
     }))
 }
 
@@ -187,7 +187,7 @@ impl AsRef<[u8]> for Received {
 }
 
 /// Reads a body as it arrives. A client that sends too slowly is disconnected, because its body holds memory that others need.
-async fn arrive(
+async fn read_body(
     mut body: Body,
     declared: Option<usize>,
     budget: &mut BodyBudget,

@@ -27,7 +27,7 @@ pub async fn events(
     Item { app, caller, id }: Item,
 ) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>> + use<>>, Error> {
     let row = access::job(&app, &caller, &id).await?;
-    let permit = app.limits.waiting()?;
+    let permit = app.limits.waiting_permit()?;
     Ok(
         Sse::new(stream(app, caller, row, permit))
             .keep_alive(KeepAlive::new().interval(KEEP_ALIVE)),
@@ -85,7 +85,7 @@ async fn follow(app: App, caller: Caller, mut row: JobRow, events: mpsc::Sender<
 
 /// Waits until status, attempt or progress of the job has changed. Returns `None` if the database fails.
 async fn changed(app: &App, seen: &JobRow) -> Option<JobRow> {
-    let has_changed = |job: &JobRow| job.has_moved_on(seen);
+    let has_changed = |job: &JobRow| job.has_progressed_since(seen);
     loop {
         let waited = app
             .signals

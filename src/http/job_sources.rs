@@ -86,7 +86,7 @@ pub async fn load(
     if let Some(set) = &parameter_set {
         check_parameter_set(set, &robot)?;
         if request.holds_parameter_set() && set.status == ParameterSetStatus::Withdrawn {
-            return Err(held_is_withdrawn(&set.id));
+            return Err(held_set_withdrawn(&set.id));
         }
     }
     check_sessions(request, &sets)?;
@@ -229,7 +229,7 @@ fn no_released_set() -> Error {
     Error::conflict("no_active_parameter_set", detail)
 }
 
-fn held_is_withdrawn(id: &str) -> Error {
+fn held_set_withdrawn(id: &str) -> Error {
     let detail = format!(
         "the parameter set {id} was withdrawn, and what is identified here would keep its values: identify all parameters, or name another set"
     );

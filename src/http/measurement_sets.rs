@@ -178,8 +178,8 @@ pub async fn create(
         .await?;
     if let Some((reference, scale)) = reference {
         upload.reading.get_or_insert_default().reference = Some(reference);
-        let told = scale.and_then(|scale| instrument_scale(ScaleAtReach::new(scale, &links)));
-        upload.warnings.extend(told.as_ref().map(Warning::from));
+        let warning = scale.and_then(|scale| instrument_scale(ScaleAtReach::new(scale, &links)));
+        upload.warnings.extend(warning.as_ref().map(Warning::from));
     }
     if let Some(misfit) = upload.misfit.take() {
         let unread = upload.reading.as_ref().and_then(Reading::unread_labels);
@@ -412,7 +412,7 @@ pub async fn points(
     Item { app, caller, id }: Item,
     Query(query): Query<PointsQuery>,
 ) -> Result<Response, Error> {
-    let permit = app.limits.compute(caller.class).await?;
+    let permit = app.limits.compute_permit(caller.class).await?;
     let row = access::measurement_set(&app, &caller, &id).await?;
     let body = measurement_sets::body(&app.store, &id).await?;
     if query.format.is_none() {

@@ -165,11 +165,11 @@ async fn sweep(
         if let Some(run_alone) = &run_alone {
             // On an error the next tick tries again.
             if let Ok(any) = jobs::any_suspect_queued(&store).await {
-                run_alone.suspects_wait(any);
+                run_alone.set_suspects_queued(any);
             }
         }
         if cleaned_up.is_none_or(|at| at.elapsed() >= KEY_CLEANUP_INTERVAL) {
-            match store.forget_old_keys().await {
+            match store.delete_expired_keys().await {
                 Ok(()) => cleaned_up = Some(Instant::now()),
                 Err(error) => {
                     tracing::warn!(error = %error.cause(), "old Idempotency-Keys could not be deleted; trying again")

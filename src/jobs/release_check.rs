@@ -201,13 +201,13 @@ pub async fn check(
             let of_sessions = rows
                 .iter()
                 .filter(|row| row.found.kind == VerificationKind::Session);
-            let ages = rows.iter().map(|row| row.scored_seq);
+            let scored_seqs = rows.iter().map(|row| row.scored_seq);
             Some(WithdrawnSource {
                 id,
                 scored_sets: of_sessions
                     .map(|row| row.measurement_set_id.clone())
                     .collect(),
-                scored_seq: ages.filter(|seq| *seq > 0).collect(),
+                scored_seq: scored_seqs.filter(|seq| *seq > 0).collect(),
             })
         }
     };
@@ -357,7 +357,7 @@ fn run_gates(
     let stored = StoredFacts {
         robot: &Robot::try_from(&body).map_err(|error| unreadable(error.to_string()))?,
         check_job_id: robot.check_job_id.as_deref(),
-        last_check: parsed.last_check.as_ref(),
+        last_misfit: parsed.last_misfit.as_ref(),
         checked_seq: robot.checked_seq,
         identification: &parsed.identification,
         identification_seq: parsed.identification_seq,

@@ -78,7 +78,7 @@ async fn claim_next(store: &Store, context: &WorkerContext) -> Result<Option<Cla
         };
         // Checked again: another worker of this process may have run the suspect meanwhile.
         if run_alone.suspect_is_due() {
-            run_alone.suspect_was_run();
+            run_alone.suspect_started();
             let claimed = claim(store, context, Eligible::Suspect, permit).await?;
             if claimed.is_some() {
                 return Ok(claimed);

@@ -12,7 +12,7 @@ use crate::wire::verification::{Fit, Verification};
 
 /// A robot's last session that did not fit it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct LastCheck {
+pub struct LastMisfit {
     /// Its number in the robot's counter.
     pub seq: i64,
     /// Its job.
@@ -56,7 +56,7 @@ pub struct StoredFacts<'a> {
     /// Job of the session that does not fit the robot, while the robot is in the state `check_robot`.
     pub check_job_id: Option<&'a str>,
     /// The last session that did not fit the robot, even if the state `check_robot` has ended.
-    pub last_check: Option<&'a LastCheck>,
+    pub last_misfit: Option<&'a LastMisfit>,
     /// Number of the robot's counter at its last `checked` request, whose reason explains all sessions up to then; 0 if there is none.
     pub checked_seq: i64,
     /// Verification facts of the job that identified the set.

@@ -19,15 +19,15 @@ use crate::wire::verification::Fit;
 use std::collections::BTreeMap;
 
 /// The robot counts as changed if the active set's error on new points is more than this many times the candidate's.
-const CHANGED: f64 = 3.0;
+const CHANGED_ERROR_RATIO: f64 = 3.0;
 
 /// Largest ratio of two lengths: the mean movement of the tool by the final fit, and the rms error of the verified fit (corrections
 /// included). The 64 simulated uploads of 25 and 60 poses in `docs/oracles/final_fit.py` have ratios from 0.31 to 1.58. A larger ratio
 /// shows that the two halves of the upload do not belong together.
-const MAX_MOVED: f64 = 2.0;
+const MAX_MOVED_PER_ERROR: f64 = 2.0;
 
 /// Largest ratio of the error of the instrument's scale at the arm's reach to the rms error on the verify points.
-const MAX_SCALE: f64 = 3.0;
+const MAX_SCALE_PER_ERROR: f64 = 3.0;
 
 /// Every gate, passed or not.
 pub fn gates(facts: &Facts<'_>) -> Vec<Gate> {
@@ -191,8 +191,8 @@ fn final_fit(facts: &StoredFacts<'_>) -> Gate {
         // Without a final fit, only the uncertainty shows whether the points determine the position of the tool.
         let is_open = facts.report.tool_uncertainty_absent_because.is_some();
         let mut warnings = facts.report.warnings.iter();
-        return match warnings.find(|told| is_open && told.code == TOOL_UNCERTAIN) {
-            Some(told) => Gate::new(name, false, &*told.detail),
+        return match warnings.find(|warning| is_open && warning.code == TOOL_UNCERTAIN) {
+            Some(warning) => Gate::new(name, false, &*warning.detail),
             None => Gate::new(
                 name,
                 true,
@@ -212,7 +212,7 @@ fn final_fit(facts: &StoredFacts<'_>) -> Gate {
         "the final fit to all {n} points moves the tool by {moved_mm:.4} mm on average over the workspace; the error of the verified fit is \
          {verified_mm:.4} mm rms"
     );
-    match moved_mm <= MAX_MOVED * verified_mm + SAME_MM {
+    match moved_mm <= MAX_MOVED_PER_ERROR * verified_mm + SAME_MM {
         true => Gate::new(name, true, detail),
         false => Gate::new(
             name,
@@ -289,7 +289,7 @@ fn instrument_scale(facts: &StoredFacts<'_>) -> Option<Gate> {
     let reference = facts.report.reference.as_ref()?;
     let name = "instrument_scale";
     let mut warnings = facts.report.warnings.iter();
-    let Some(told) = warnings.find(|warning| warning.code == INSTRUMENT_SCALE) else {
+    let Some(warning) = warnings.find(|warning| warning.code == INSTRUMENT_SCALE) else {
         return Some(Gate::new(
             name,
             true,
@@ -297,8 +297,8 @@ fn instrument_scale(facts: &StoredFacts<'_>) -> Option<Gate> {
         ));
     };
     let found_mm = facts.identification.after_rms_mm.unwrap_or(0.0);
-    let passes = reference.at_reach_std_mm <= MAX_SCALE * found_mm;
-    Some(Gate::new(name, passes, told.detail.clone()).warned(passes))
+    let passes = reference.at_reach_std_mm <= MAX_SCALE_PER_ERROR * found_mm;
+    Some(Gate::new(name, passes, warning.detail.clone()).warned(passes))
 }
 
 fn better_than_active(facts: &Facts<'_>) -> Gate {
@@ -316,7 +316,7 @@ fn better_than_active(facts: &Facts<'_>) -> Gate {
             Ok(rms) => {
                 let (own, active) = (rms.set_mm, rms.active_mm);
                 passed &= rms.is_as_good();
-                changed |= active > CHANGED * own + SAME_MM;
+                changed |= active > CHANGED_ERROR_RATIO * own + SAME_MM;
                 let equal = match own > active && rms.is_as_good() {
                     true => {
                         ", which is as good within the scatter of these points and a micrometre"

@@ -64,7 +64,7 @@ struct Column {
     kind: ColumnType,
 }
 
-/// Copies one store into another in one transaction of the target. No process may write to the source during the copy. `moved` is called at the start
+/// Copies one store into another in one transaction of the target. No process may write to the source during the copy. `started_table` is called at the start
 /// of each table.
 ///
 /// # Errors
@@ -72,7 +72,7 @@ struct Column {
 pub async fn copy(
     from: &Store,
     to: &Store,
-    mut moved: impl FnMut(&'static str),
+    mut started_table: impl FnMut(&'static str),
 ) -> Result<Vec<Copied>> {
     let versions = (from.schema_version().await?, to.schema_version().await?);
     if versions.0 != versions.1 {
@@ -96,7 +96,7 @@ pub async fn copy(
     }
     let mut copied = Vec::new();
     for &table in TABLES {
-        moved(table);
+        started_table(table);
         copied.push(Copied {
             table,
             n_rows: copy_table(&mut source, target, to.engine(), table).await?,

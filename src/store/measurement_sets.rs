@@ -182,7 +182,7 @@ pub async fn insert(tx: &mut Tx, new: &NewMeasurementSet) -> Result<MeasurementS
     ];
     let row: MeasurementSetRow = sql::one(tx.connection(), INSERT, values)
         .await
-        .map_err(|error| error.of_trigger(|_| Conflict::RobotArchived))?;
+        .map_err(|error| error.into_conflict_of_trigger(|_| Conflict::RobotArchived))?;
     tx.audit(AuditEvent::MeasurementSetCreated, &row.id, as_created(&row));
     Ok(row)
 }

@@ -79,7 +79,7 @@ pub async fn edit(tx: &mut Tx, id: &str, edit: &RobotEdit, by: &str) -> Result<R
     ];
     let row: Option<RobotVersionRow> = sql::first(tx.connection(), INSERT, values)
         .await
-        .map_err(|error| error.of_trigger(|_| Conflict::JointMapReleased))?;
+        .map_err(|error| error.into_conflict_of_trigger(|_| Conflict::JointMapReleased))?;
     let row = row.ok_or(Conflict::RobotChanged)?;
     sql::execute(tx.connection(), MOVE, values![id, row.version, edit.name]).await?;
     tx.audit(AuditEvent::RobotEdited, id, as_edited(&row));

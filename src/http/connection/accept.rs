@@ -163,7 +163,9 @@ impl Connections {
             self.served.spawn(connection(stream, peer, service.clone()));
             return;
         }
-        service.metrics.refused_connection(TOO_MANY_CONNECTIONS);
+        service
+            .metrics
+            .record_refused_connection(TOO_MANY_CONNECTIONS);
         if self.turned_away.len() < MAX_TURNED_AWAY && service.tls.is_none() {
             self.turned_away.spawn(turn_away(stream));
         }
@@ -227,7 +229,7 @@ async fn requests(
     };
     // Only unreadable requests are counted; other errors of a connection are the client's.
     if let Some(code) = ended.err().as_ref().and_then(unreadable::problem_code) {
-        service.metrics.refused_connection(code);
+        service.metrics.record_refused_connection(code);
     }
     if let Some(mut stream) = connection.into_parts().io.into_inner().closed() {
         linger(&mut stream).await;

@@ -3,7 +3,7 @@
 
 use crate::calibration::{CalibrationRequest, RepeatedRows};
 use crate::jobs::JobInputs;
-use crate::release::facts::MeasuredSince;
+use crate::release::facts::MeasurementAge;
 use crate::store::known_uploads::KnownUpload;
 use crate::wire::job::Kind;
 use crate::wire::measurement::MeasurementSet;
@@ -28,13 +28,13 @@ struct OwnPoints<'a> {
 struct UploadAge {
     /// Number in the audit chain of the upload in which its points appeared first.
     measured_seq: i64,
-    /// Whether this upload repeats an upload that it must not repeat, or is itself one of those: see [`measured_since`].
+    /// Whether this upload repeats an upload that it must not repeat, or is itself one of those: see [`measurement_age`].
     is_repeat: bool,
 }
 
 /// The points of a check must repeat no earlier upload at all, and its upload must not have been used by another job. The points of other jobs must
 /// not repeat the uploads from before the last session that did not fit.
-pub(super) fn measured_since(inputs: &JobInputs, request: &CalibrationRequest) -> MeasuredSince {
+pub(super) fn measurement_age(inputs: &JobInputs, request: &CalibrationRequest) -> MeasurementAge {
     let is_check = inputs.job.kind == Kind::Check;
     let known = &inputs.known;
     // Uploads that this version can no longer parse are left out of the comparison.
@@ -50,8 +50,8 @@ pub(super) fn measured_since(inputs: &JobInputs, request: &CalibrationRequest) -
         points,
     });
     let known_uploads: Vec<KnownPoints<'_>> = known_uploads.collect();
-    let mut since = MeasuredSince {
-        check_seq: known.check_seq,
+    let mut age = MeasurementAge {
+        misfit_seq: known.misfit_seq,
         is_repeat: known.is_own_used || (known.is_undecided && !is_check),
         measured_seq: 0,
     };
@@ -59,7 +59,7 @@ pub(super) fn measured_since(inputs: &JobInputs, request: &CalibrationRequest) -
         .sets
         .iter()
         .zip(request.uploads())
-        .zip(&known.own_seq);
+        .zip(&known.own_uploaded_seqs);
     for ((input, points), uploaded_seq) in own {
         let own = OwnPoints {
             id: &input.row.id,
@@ -68,10 +68,10 @@ pub(super) fn measured_since(inputs: &JobInputs, request: &CalibrationRequest) -
             points,
         };
         let found = compare(&request.robot, &own, &known_uploads, is_check);
-        since.is_repeat |= found.is_repeat;
-        since.measured_seq = since.measured_seq.max(found.measured_seq);
+        age.is_repeat |= found.is_repeat;
+        age.measured_seq = age.measured_seq.max(found.measured_seq);
     }
-    since
+    age
 }
 
 fn compare(
@@ -84,7 +84,7 @@ fn compare(
     let is_earlier = |other: &KnownPoints<'_>| other.upload.uploaded_seq < own.uploaded_seq;
     let must_not_repeat = |other: &KnownPoints<'_>| match is_check {
         true => is_earlier(other),
-        false => other.upload.is_before_check,
+        false => other.upload.is_before_misfit,
     };
     let others: Vec<&KnownPoints<'_>> = known
         .iter()
