@@ -137,7 +137,7 @@ fn name_of(value: impl clap::ValueEnum) -> String {
 
 /// The items of a robot, or one of them.
 #[derive(Debug, clap::Args)]
-struct OfRobot {
+struct RobotItemArguments {
     #[command(flatten)]
     server: ServerArguments,
     /// The robot: its id, name or serial number.
@@ -155,7 +155,7 @@ struct OfRobot {
     options: ListOptions,
 }
 
-impl OfRobot {
+impl RobotItemArguments {
     fn list_or_show(
         &self,
         kind: &Listing,
@@ -190,7 +190,7 @@ pub struct RobotArguments {
 #[derive(Debug, clap::Args)]
 pub struct SetArguments {
     #[command(flatten)]
-    of: OfRobot,
+    of: RobotItemArguments,
     /// Print the uploaded file, byte for byte.
     #[arg(
         long, env = "KINCAL_POINTS", requires = "id", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue
@@ -236,7 +236,7 @@ pub struct JobArguments {
 #[derive(Debug, clap::Args)]
 pub struct NetworkArguments {
     #[command(flatten)]
-    of: OfRobot,
+    of: RobotItemArguments,
     /// Write its weights (safetensors) into this file.
     #[arg(long, env = "KINCAL_WEIGHTS", value_name = "FILE", requires = "id")]
     weights: Option<PathBuf>,
@@ -333,7 +333,7 @@ pub fn networks(arguments: &NetworkArguments) -> anyhow::Result<()> {
 #[derive(Debug, clap::Args)]
 pub struct ParameterSetArguments {
     #[command(flatten)]
-    of: OfRobot,
+    of: RobotItemArguments,
     /// Check the gates of a release of this set, without releasing it; exit code 1 if the release would be refused.
     #[arg(
         long, env = "KINCAL_GATES", requires = "id", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue

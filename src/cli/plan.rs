@@ -2,7 +2,7 @@
 
 use super::calibrate::read_robot;
 use super::client::ServerArguments;
-use super::files::{NumberFormat, cannot_be_used, fault, parse_json, read};
+use super::files::{NumberFormat, cannot_be_used, issue_in_words, parse_json, read};
 use super::runtime::block_on;
 use super::terminal::{self, Output};
 use super::usage::Usage;
@@ -252,7 +252,7 @@ fn issue_text(arguments: &Arguments, issue: &Issue) -> String {
         (_, Some("/n_configurations")) if arguments.n_configurations.is_some() => {
             format!("-n: {}", issue.detail)
         }
-        (Some(path), _) => format!("{}: {}", path.display(), fault(issue)),
+        (Some(path), _) => format!("{}: {}", path.display(), issue_in_words(issue)),
         (None, _) => issue.detail.clone(),
     }
 }
