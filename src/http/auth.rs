@@ -166,7 +166,12 @@ async fn authorized_caller(
 ) -> Result<Caller, Refusal> {
     let route = of_path.clone().find(|route| route.matches_method(method));
     let class = route.map_or(RequestClass::Read, |route| route.class);
-    if of_path.clone().any(|route| route.scope.is_none()) {
+    // A path may have public and other routes. A method without a route needs a key unless the path is public.
+    let is_public = match route {
+        Some(route) => route.scope.is_none(),
+        None => of_path.clone().any(|route| route.scope.is_none()),
+    };
+    if is_public {
         return Ok(Caller::anonymous(class));
     }
     let caller = if app.no_auth {
