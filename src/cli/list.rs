@@ -161,8 +161,8 @@ impl RobotItemArguments {
         kind: &Listing,
         filters: &[(&'static str, &Option<String>)],
     ) -> anyhow::Result<()> {
-        let one = (self.robot.as_ref(), self.id.as_ref());
-        list_or_show(kind, &self.server, one, &self.options, filters)
+        let (robot, id) = (self.robot.as_ref(), self.id.as_ref());
+        list_or_show(kind, &self.server, robot, id, &self.options, filters)
     }
 }
 
@@ -281,11 +281,11 @@ pub fn robots(arguments: &RobotArguments) -> anyhow::Result<()> {
         return needs(arguments);
     }
     let filters = [("search", &arguments.search)];
-    let one = (None, arguments.id.as_ref());
     list_or_show(
         &ROBOTS,
         &arguments.server,
-        one,
+        None,
+        arguments.id.as_ref(),
         &arguments.options,
         &filters,
     )
@@ -313,9 +313,16 @@ pub fn jobs(arguments: &JobArguments) -> anyhow::Result<()> {
         return terminal::json(&curve);
     }
     let filters = [("status", &arguments.status), ("kind", &arguments.kind)];
-    let one = (arguments.robot.as_ref(), arguments.id.as_ref());
-    let kind = arguments.robot.as_ref().map_or(&ALL_JOBS, |_| &JOBS);
-    list_or_show(kind, &arguments.server, one, &arguments.options, &filters)
+    let (robot, id) = (arguments.robot.as_ref(), arguments.id.as_ref());
+    let kind = robot.map_or(&ALL_JOBS, |_| &JOBS);
+    list_or_show(
+        kind,
+        &arguments.server,
+        robot,
+        id,
+        &arguments.options,
+        &filters,
+    )
 }
 
 /// `kincal networks`.
@@ -387,7 +394,8 @@ pub fn parameter_sets(arguments: &ParameterSetArguments) -> anyhow::Result<()> {
 fn list_or_show(
     kind: &Listing,
     server: &ServerArguments,
-    (robot, id): (Option<&String>, Option<&String>),
+    robot: Option<&String>,
+    id: Option<&String>,
     options: &ListOptions,
     filters: &[(&'static str, &Option<String>)],
 ) -> anyhow::Result<()> {

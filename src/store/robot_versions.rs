@@ -105,7 +105,8 @@ pub async fn robot_at(store: &Store, robot_id: &str, version: i64) -> Result<Rob
 /// At most `limit` versions after this one, sorted by robot and version.
 pub(super) async fn after(
     store: &Store,
-    (robot_id, version): (&str, i64),
+    robot_id: &str,
+    version: i64,
     limit: i64,
 ) -> Result<Vec<RobotVersionRow>> {
     sql::all(store.readers(), ALL, values![robot_id, version, limit]).await

@@ -99,7 +99,7 @@ async fn robot_versions(check: &mut Check, store: &Store, chain: &Chain) -> Resu
     let mut found = BTreeSet::new();
     let mut after = (String::new(), 0);
     loop {
-        let rows = robot_versions::after(store, (&after.0, after.1), BATCH).await?;
+        let rows = robot_versions::after(store, &after.0, after.1, BATCH).await?;
         let Some(last) = rows.last() else { break };
         after = (last.robot_id.clone(), last.version);
         for row in rows {
