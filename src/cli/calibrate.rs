@@ -19,7 +19,7 @@ use crate::jobs::JobFailure;
 use crate::jobs::execution;
 use crate::kinematics::Robot;
 use crate::operations::rotation_convention::with_best_convention;
-use crate::release::{accept_misfit, accept_rotations, headline, provenance, refused_as};
+use crate::release::{accept_misfit, accept_rotations, headline, insisted_code, provenance};
 use crate::report_page::words;
 use crate::report_page::{self, MeasuredSet, Sources};
 use crate::wire::export::ExportDocument;
@@ -103,7 +103,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let insisted_on = all().find_map(|session| session.insisted_on);
     let record = arguments.set_options.record.record().checked();
     let record = record.map_err(|invalid| Usage(issues_in_words(&invalid.issues)))?;
-    let record = SessionRecord::of_set(record, &first.set);
+    let record = SessionRecord::for_set(record, &first.set);
     let parts = JobParts {
         robot,
         sets: all().map(|session| session.set.clone()).collect(),
@@ -224,7 +224,8 @@ fn read_session(path: &Path, robot: &Robot, arguments: &Arguments) -> anyhow::Re
         .iter()
         .filter(|warning| warning.code != "under_determined")
     {
-        let warning = Warning::from(warning).naming(|row| set.points.get(row)?.name.as_deref());
+        let warning =
+            Warning::from(warning).with_point_names(|row| set.points.get(row)?.name.as_deref());
         eprintln!("{}", table::warning_in_words(&warning));
     }
     let unread = reading.as_ref().and_then(Reading::unread_labels);
@@ -241,9 +242,9 @@ fn read_session(path: &Path, robot: &Robot, arguments: &Arguments) -> anyhow::Re
         }
     };
     let mut insisted_on = None;
-    for kept in of_rotations.into_iter().chain(of_positions) {
-        eprintln!("{}", table::warning_in_words(&kept.warning));
-        insisted_on = insisted_on.or(kept.insisted_on);
+    for accepted in of_rotations.into_iter().chain(of_positions) {
+        eprintln!("{}", table::warning_in_words(&accepted.warning));
+        insisted_on = insisted_on.or(accepted.insisted_on);
     }
     Ok(Session {
         unread,
@@ -269,7 +270,7 @@ pub fn refuse_unusable(report: &Report, job_id: Option<&str>) -> anyhow::Result<
     let Some(code) = code else {
         return Ok(());
     };
-    let refused = refused_as(report).map(remedy_of_refusal);
+    let refused = insisted_code(report).map(remedy_of_refusal);
     let next = match code {
         "insisted_upload" | "session_does_not_fit" if refused.is_some() => {
             refused.unwrap_or_default()

@@ -65,7 +65,7 @@ pub struct KnownUploads {
     /// session and the robot has more uploads or points than the limits below. Then only the newest uploads are compared.
     pub is_undecided: bool,
     /// For a check: whether a job of another kind has used its upload, or its upload is too old to be among those that are compared.
-    pub is_own_used: bool,
+    pub is_own_upload_used: bool,
 }
 
 /// Limits on the uploads, and on their points, that a job's points are compared with: together some hundred MB of memory. For a robot above
@@ -339,7 +339,7 @@ async fn load_known(store: &Store, job: &JobRow) -> Result<KnownUploads> {
         own.map_or(0, |upload| upload.uploaded_seq)
     };
     let own_uploaded_seqs: Vec<i64> = job.set_ids().map(seq_of).collect();
-    let is_own_used = job.kind == Kind::Check
+    let is_own_upload_used = job.kind == Kind::Check
         && (!found.iter().any(is_own)
             || known_uploads::is_used(store, robot_id, &job.measurement_set_id).await?);
     let newest_own = own_uploaded_seqs.iter().copied().max().unwrap_or(0);
@@ -356,6 +356,6 @@ async fn load_known(store: &Store, job: &JobRow) -> Result<KnownUploads> {
         own_uploaded_seqs,
         uploads,
         is_undecided: is_cut && check.misfit_seq > check.checked_seq,
-        is_own_used,
+        is_own_upload_used,
     })
 }

@@ -52,7 +52,7 @@ pub(super) fn measurement_age(inputs: &JobInputs, request: &CalibrationRequest) 
     let known_uploads: Vec<KnownPoints<'_>> = known_uploads.collect();
     let mut age = MeasurementAge {
         misfit_seq: known.misfit_seq,
-        is_repeat: known.is_own_used || (known.is_undecided && !is_check),
+        is_repeat: known.is_own_upload_used || (known.is_undecided && !is_check),
         measured_seq: 0,
     };
     let own = inputs

@@ -17,7 +17,7 @@ use crate::store::{Store, jobs};
 /// expired.
 #[derive(Debug)]
 pub struct WorkerPool {
-    drain: Arc<watch::Sender<ShutdownStage>>,
+    shutdown_stage: Arc<watch::Sender<ShutdownStage>>,
     tasks: JoinSet<()>,
 }
 
@@ -54,12 +54,12 @@ impl WorkerPool {
             max_attempts,
             max_duration,
         } = rules;
-        let drain = Arc::new(watch::Sender::new(ShutdownStage::Running));
+        let shutdown_stage = Arc::new(watch::Sender::new(ShutdownStage::Running));
         let run_alone = Arc::new(RunAlone::new(lease));
         let mut tasks = JoinSet::new();
         for _ in 0..n_workers {
             let context = WorkerContext {
-                drain: Arc::clone(&drain),
+                shutdown_stage: Arc::clone(&shutdown_stage),
                 run_alone: Arc::clone(&run_alone),
                 max_duration,
                 ..WorkerContext::new(compute, lease, signals.clone())
@@ -73,9 +73,12 @@ impl WorkerPool {
             signals,
             every,
             (n_workers > 0).then_some(run_alone),
-            drain.subscribe(),
+            shutdown_stage.subscribe(),
         ));
-        WorkerPool { drain, tasks }
+        WorkerPool {
+            shutdown_stage,
+            tasks,
+        }
     }
 
     /// Claims no more jobs and lets computations finish. Those that still run shortly before the deadline are stopped, and their jobs go back to
@@ -102,7 +105,7 @@ impl WorkerPool {
             ),
         ];
         for (stage, until) in stages {
-            self.drain.send_replace(stage);
+            self.shutdown_stage.send_replace(stage);
             if timeout_at(until, self.all_ended()).await.is_ok() {
                 return;
             }
@@ -118,8 +121,8 @@ impl WorkerPool {
 }
 
 async fn work(store: Store, context: WorkerContext) {
-    let mut drain = context.drain.subscribe();
-    while *drain.borrow() == ShutdownStage::Running {
+    let mut shutdown_stage = context.shutdown_stage.subscribe();
+    while *shutdown_stage.borrow() == ShutdownStage::Running {
         match run_next_job(&store, &context).await {
             // Continues at once if another job is queued. A read finds this out, because a claim takes the database's only writer even if
             // no job is queued.
@@ -128,14 +131,14 @@ async fn work(store: Store, context: WorkerContext) {
                 tokio::select! {
                     () = context.signals.enqueued() => {}
                     () = sleep(POLL_INTERVAL) => {}
-                    () = shutdown_reached(&mut drain, ShutdownStage::StopClaiming) => {}
+                    () = shutdown_reached(&mut shutdown_stage, ShutdownStage::StopClaiming) => {}
                 }
             }
             Err(error) => {
                 tracing::warn!(error = %error.cause(), "no job could be claimed; trying again");
                 let _ = timeout(
                     POLL_INTERVAL,
-                    shutdown_reached(&mut drain, ShutdownStage::StopClaiming),
+                    shutdown_reached(&mut shutdown_stage, ShutdownStage::StopClaiming),
                 )
                 .await;
             }
@@ -149,7 +152,7 @@ async fn sweep(
     signals: JobSignals,
     every: Duration,
     run_alone: Option<Arc<RunAlone>>,
-    mut drain: watch::Receiver<ShutdownStage>,
+    mut shutdown_stage: watch::Receiver<ShutdownStage>,
 ) {
     let mut ticks = interval(every);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -157,7 +160,7 @@ async fn sweep(
     loop {
         tokio::select! {
             _ = ticks.tick() => {}
-            () = shutdown_reached(&mut drain, ShutdownStage::StopClaiming) => return,
+            () = shutdown_reached(&mut shutdown_stage, ShutdownStage::StopClaiming) => return,
         }
         if let Err(error) = queue::expire(&store, max_attempts, &signals).await {
             tracing::warn!(error = %error.cause(), "expired leases could not be searched for; trying again");

@@ -112,7 +112,7 @@ fn source_withdrawn(facts: &Facts<'_>) -> Option<Gate> {
         "the set holds or repeats values of {id}, which was withdrawn: a session on which that set was not scored must show that this set is right"
     );
     let is_shown = facts.evidence_without(withdrawn) == Evidence::IndependentSession;
-    Some(Gate::new("source_withdrawn", is_shown, detail).warned(true))
+    Some(Gate::new("source_withdrawn", is_shown, detail).with_warning(true))
 }
 
 fn verified(facts: &StoredFacts<'_>) -> Gate {
@@ -274,7 +274,7 @@ fn fits(facts: &StoredFacts<'_>) -> Gate {
             true,
             "the file to verify on does not fit the robot, so it is no evidence about the set",
         )
-        .warned(true),
+        .with_warning(true),
         Fit::SetFarOff => Gate::new(
             "fits",
             false,
@@ -298,7 +298,7 @@ fn instrument_scale(facts: &StoredFacts<'_>) -> Option<Gate> {
     };
     let found_mm = facts.identification.after_rms_mm.unwrap_or(0.0);
     let passes = reference.at_reach_std_mm <= MAX_SCALE_PER_ERROR * found_mm;
-    Some(Gate::new(name, passes, warning.detail.clone()).warned(passes))
+    Some(Gate::new(name, passes, warning.detail.clone()).with_warning(passes))
 }
 
 fn better_than_active(facts: &Facts<'_>) -> Gate {
@@ -307,7 +307,7 @@ fn better_than_active(facts: &Facts<'_>) -> Gate {
         return Gate::new(name, true, "the robot has no other active set");
     }
     if facts.is_rollback {
-        return Gate::new(name, true, "not compared: the set was active before").warned(true);
+        return Gate::new(name, true, "not compared: the set was active before").with_warning(true);
     }
     let mut details = Vec::new();
     let (mut passed, mut changed) = (!facts.comparisons.is_empty(), false);
@@ -343,7 +343,7 @@ fn better_than_active(facts: &Facts<'_>) -> Gate {
     if details.is_empty() {
         details.push("without verify points it cannot be compared with the active set".into());
     }
-    Gate::new(name, passed, details.join("; ")).warned(changed)
+    Gate::new(name, passed, details.join("; ")).with_warning(changed)
 }
 
 fn evidence(facts: &StoredFacts<'_>) -> Gate {
@@ -361,7 +361,7 @@ fn evidence(facts: &StoredFacts<'_>) -> Gate {
     let passed =
         !facts.policy.independent_session_required || evidence == Evidence::IndependentSession;
     let is_doubtful = evidence != Evidence::IndependentSession || !limits.is_empty();
-    Gate::new("evidence", passed, format!("{detail}{limits}")).warned(is_doubtful)
+    Gate::new("evidence", passed, format!("{detail}{limits}")).with_warning(is_doubtful)
 }
 
 /// Reasons why sessions that fit are only weak evidence, or none.

@@ -35,6 +35,6 @@ pub use trend::{
     ScoredJob, ScoredSession, may_have_trend, measured_at_ms, scored_sessions, stated_time, trend,
 };
 pub use verdict::{
-    INSISTED, UNUSABLE_WARNINGS, headline, insisted_warning, is_usable, refused_as,
+    INSISTED, UNUSABLE_WARNINGS, headline, insisted_code, insisted_warning, is_usable,
     unusable_because, why_no_evidence, why_same_upload,
 };

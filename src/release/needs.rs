@@ -74,7 +74,7 @@ pub fn need(facts: &NeedFacts) -> (Need, String) {
         );
     }
     if facts.has_newer {
-        return (Need::Review, waiting(facts).into());
+        return (Need::Review, reason_of_newer_result(facts).into());
     }
     if let Some(days) = facts.days_to_limit.filter(|days| *days <= SOON_DAYS) {
         let when = if days < 1.0 {
@@ -95,7 +95,7 @@ pub fn need(facts: &NeedFacts) -> (Need, String) {
 }
 
 /// Text about what the newest result waits for. A result that a gate refuses does not wait for its release.
-fn waiting(facts: &NeedFacts) -> &'static str {
+fn reason_of_newer_result(facts: &NeedFacts) -> &'static str {
     match (facts.newest_refused_by.as_deref(), facts.is_released) {
         (None, true) => "a newer result than the released set waits for a decision",
         (None, false) => "the first result waits for its release",

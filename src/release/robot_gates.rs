@@ -67,7 +67,7 @@ pub fn identity(facts: &Facts<'_>) -> Gate {
                 true,
                 "the robot's nominal model; no serial number was stated with the upload",
             )
-            .warned(true),
+            .with_warning(true),
         },
     }
 }
@@ -109,13 +109,13 @@ pub fn change(facts: &Facts<'_>) -> Gate {
             true,
             format!("{found}; the reason given: {reason}"),
         )
-        .warned(true),
+        .with_warning(true),
         None if facts.is_rollback => Gate::new(
             "change_plausible",
             true,
             format!("{found}; the set was active before"),
         )
-        .warned(true),
+        .with_warning(true),
         None => {
             let detail = format!(
                 "{found}: check the tool and the robot. If the change is right, say why in change_reason"
@@ -204,14 +204,14 @@ pub fn orientation(facts: &Facts<'_>) -> Gate {
     };
     if facts.is_rollback {
         let detail = format!("{found}; the set was active before{remedy}");
-        return Gate::new(name, true, detail).warned(true);
+        return Gate::new(name, true, detail).with_warning(true);
     }
     match facts.stored.evidence() {
         Evidence::IndependentSession => {
             let detail = format!(
                 "{found}; another session shows that the position of the measured reflector is right: use the set for that alone{remedy}"
             );
-            Gate::new(name, true, detail).warned(true)
+            Gate::new(name, true, detail).with_warning(true)
         }
         _ => {
             let detail = format!(

@@ -118,7 +118,7 @@ pub fn scored_on_later_sessions(facts: &Facts<'_>) -> Gate {
         "the session of job {job} was measured after the points of this set{found}. Verify this set on that session ({set}){or}"
     );
     let only_warns = facts.is_rollback && !session.has_changed;
-    Gate::new(name, only_warns, detail).warned(only_warns)
+    Gate::new(name, only_warns, detail).with_warning(only_warns)
 }
 
 /// Refuses a set that was no better than nominal in a session that is evidence. The gate fails closed: an error that cannot be compared does not count

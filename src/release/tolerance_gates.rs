@@ -36,7 +36,7 @@ pub fn uncertainty(facts: &StoredFacts<'_>) -> Gate {
                 true,
                 format!("the robot's policy has no tolerance; the uncertainty {details}"),
             )
-            .warned(found.is_none())
+            .with_warning(found.is_none())
         }
     }
 }

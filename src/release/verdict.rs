@@ -58,7 +58,7 @@ pub fn unusable_because(report: &Report) -> Option<&'static str> {
 }
 
 /// Code of the suspicion that somebody overrode, if the report's upload was insisted on.
-pub fn refused_as(report: &Report) -> Option<&'static str> {
+pub fn insisted_code(report: &Report) -> Option<&'static str> {
     let mut warnings = report.warnings.iter();
     let insisted = warnings.find(|warning| warning.code == INSISTED)?;
     let mut codes = SUSPICIONS.into_iter();
@@ -68,7 +68,7 @@ pub fn refused_as(report: &Report) -> Option<&'static str> {
 /// As [`unusable_because`], for the headline of a report. An overridden refusal takes precedence over the warnings that a wrong file
 /// causes. It counts even if the points fit in the end, because the result is no evidence.
 pub fn headline(report: &Report) -> Option<&'static str> {
-    let (code, refused) = (unusable_because(report), refused_as(report));
+    let (code, refused) = (unusable_because(report), insisted_code(report));
     let is_explained = code.is_none_or(|code| [JOINT_MAP, NO_FIT].contains(&code));
     match refused {
         // The refusal `poor_alignment` names no cause, so a warning that does is preferred.

@@ -44,7 +44,7 @@ const RESULT_REFERENCES: &[&str] = &[
 
 /// Number of rows copied of one table.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Copied {
+pub struct CopiedTable {
     /// The table.
     pub table: &'static str,
     /// Its rows.
@@ -73,7 +73,7 @@ pub async fn copy(
     from: &Store,
     to: &Store,
     mut started_table: impl FnMut(&'static str),
-) -> Result<Vec<Copied>> {
+) -> Result<Vec<CopiedTable>> {
     let versions = (from.schema_version().await?, to.schema_version().await?);
     if versions.0 != versions.1 {
         let detail = format!(
@@ -97,7 +97,7 @@ pub async fn copy(
     let mut copied = Vec::new();
     for &table in TABLES {
         started_table(table);
-        copied.push(Copied {
+        copied.push(CopiedTable {
             table,
             n_rows: copy_table(&mut source, target, to.engine(), table).await?,
         });

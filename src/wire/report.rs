@@ -113,7 +113,7 @@ fn named(warning: &report::Warning, core: &CalibrationReport) -> Warning {
         true => core.per_point.iter().filter(is_own).count(),
         false => 0,
     };
-    Warning::from(warning).naming(|row| core.per_point.get(first + row)?.name.as_deref())
+    Warning::from(warning).with_point_names(|row| core.per_point.get(first + row)?.name.as_deref())
 }
 
 /// SHA-256 of the report, the parameter set, the convergence curve and the network's hash. Identifiers, names of points, times, durations and comparisons

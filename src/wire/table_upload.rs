@@ -110,7 +110,7 @@ pub fn read(files: &Files, options: &UploadOptions) -> Result<(MeasurementSet, R
         state_decimal(&mut mapping, options.decimal)?;
         mappings.push(mapping);
     }
-    let read = |at: usize| one(files.files[at], &mappings[at], options);
+    let read = |at: usize| read_file(files.files[at], &mappings[at], options);
     if files.files.len() == 1 {
         let content = read(0)?;
         let set = MeasurementSet::new(options.frame, content.points);
@@ -159,7 +159,7 @@ fn joined(
 ///
 /// # Errors
 /// [`Invalid`]. This does not happen for an upload that was accepted once.
-pub fn read_again(
+pub fn read_stored(
     reading: &Reading,
     files: &Files,
     rotation: Option<RotationConvention>,
@@ -179,7 +179,7 @@ pub fn read_again(
         let file = files.files.get(at).copied();
         let file =
             file.ok_or_else(|| Invalid::at("", "unreadable", "the upload has no such file"))?;
-        one(file, &understood.mapping(), &options)
+        read_file(file, &understood.mapping(), &options)
     };
     let mut set = match (&reading.understood, &reading.joined) {
         (_, Some(two)) => {
@@ -196,7 +196,7 @@ pub fn read_again(
         }
     };
     if let Some(stated) = instrument::resolve(None, reading.instrument)? {
-        stated.state(&mut set)?;
+        stated.apply_to(&mut set)?;
     }
     Ok(set)
 }
@@ -234,7 +234,7 @@ fn source<'a>(bytes: &'a [u8], mapping: &mut Mapping) -> Result<Source<'a>, Inva
     Source::from_bytes(bytes).map_err(|error| table_error(&error))
 }
 
-fn one(
+fn read_file(
     (part, bytes): (FilePart, &[u8]),
     mapping: &Mapping,
     options: &UploadOptions,

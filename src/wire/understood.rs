@@ -241,13 +241,13 @@ impl From<&Understood> for UnderstoodBody {
                 .collect(),
             skipped_rows: found.skipped_rows,
             reflectors: found.reflectors.iter().map(|name| shown(name)).collect(),
-            unread: UnreadPoints::of(&found.unread),
+            unread: UnreadPoints::from_unread(&found.unread),
         }
     }
 }
 
 impl UnreadPoints {
-    fn of(unread: &[Unread]) -> Option<Self> {
+    fn from_unread(unread: &[Unread]) -> Option<Self> {
         let point = |point: &Unread| UnreadPoint {
             line: point.line,
             name: shown(&point.name),

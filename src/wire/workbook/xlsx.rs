@@ -38,7 +38,7 @@ pub(super) fn sheets(
         let Ok(mut cells) = workbook.worksheet_cells_reader(name) else {
             continue;
         };
-        let marks = hidden_rows::of_xlsx(archive, name)?;
+        let marks = hidden_rows::marks_of_xlsx(archive, name)?;
         let mut text = SheetText::default();
         while let Some(cell) = cells.next_cell().map_err(unreadable)? {
             let (row, column) = cell.get_position();
