@@ -166,7 +166,7 @@ async fn authorized_caller(
 ) -> Result<Caller, Refusal> {
     let route = of_path.clone().find(|route| route.matches_method(method));
     let class = route.map_or(RequestClass::Read, |route| route.class);
-    // A path may have public and other routes. A method without a route needs a key unless the path is public.
+    // A path may have a public route and one that needs a key. A method that the path does not take needs a key unless the path has a public route.
     let is_public = match route {
         Some(route) => route.scope.is_none(),
         None => of_path.clone().any(|route| route.scope.is_none()),

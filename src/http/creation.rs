@@ -18,8 +18,8 @@ use serde::de::DeserializeOwned;
 const MAX_KEY: usize = 200;
 const IDEMPOTENCY_REPLAYED: HeaderName = HeaderName::from_static("idempotency-replayed");
 
-/// A request that creates or changes something. If the same request was answered before, its handler does not run: the stored answer is sent again
-/// without any check.
+/// A request that creates or changes something. If the same request was answered before, its handler does not run. The stored answer is sent
+/// again without any check.
 pub struct Submission {
     /// The state of the server.
     pub app: App,

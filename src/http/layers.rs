@@ -94,7 +94,7 @@ pub fn is_unlimited(uri: &Uri) -> bool {
     matches!(uri.path(), "/healthz" | "/readyz" | "/metrics") || may_wait(uri)
 }
 
-/// Whether a request is a long poll: a GET of a job that asks to wait. It takes a permit to wait instead of one to read.
+/// Whether a request is a long poll: a GET of a job with `wait_s`. It takes a permit to wait instead of one to read.
 fn may_wait(uri: &Uri) -> bool {
     let job = uri.path().strip_prefix("/v1/jobs/");
     job.is_some_and(|id| !id.contains('/'))

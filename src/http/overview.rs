@@ -77,7 +77,7 @@ fn first_refusal(row: &OverviewRow, of_set: Vec<VerificationRow>) -> Result<Opti
     let Some(identified) = identified.into_iter().next() else {
         return Ok(None);
     };
-    // 0: no session counts as outdated. This list does not read when the points were uploaded.
+    // With 0 no session is outdated: this list does not read when the points were uploaded.
     let sessions = sessions.into_iter();
     let sessions: Vec<_> = sessions
         .map(|facts| session(identified.frame, 0, facts))

@@ -49,7 +49,7 @@ pub fn checked_token<'a>(
     Ok(Some(token))
 }
 
-/// The value of the cookie, valid or not. [`checked_token`] also refuses requests from pages of other origins.
+/// The value of the cookie, not checked. [`checked_token`] refuses requests from pages of other origins.
 pub fn token(headers: &HeaderMap) -> Option<&str> {
     headers
         .get_all(header::COOKIE)

@@ -46,13 +46,13 @@ pub struct JobInputs {
     pub sources: Vec<MeasurementSetInput>,
     /// The references that the sets name, with their content in JSON.
     pub references: Vec<NamedDocumentRow>,
-    /// The robot's uploads that the job's points are compared with, if they were read ([`JobInputs::with_known_uploads`]). Points that
-    /// repeat an earlier upload are as old as that upload.
+    /// The robot's uploads that the job's points are compared with. Empty unless they were read ([`JobInputs::with_known_uploads`]). Points
+    /// that repeat an earlier upload are as old as that upload.
     pub known: KnownUploads,
 }
 
-/// Uploads that a job's points are compared with: those before the job's own uploads, and those before the robot's last session that did
-/// not fit.
+/// Uploads of the robot that a job's points are compared with: the uploads that are older than the job's own, and those that are older than the
+/// robot's last session that did not fit.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct KnownUploads {
     /// Number of that session in the robot's counter; 0 if there is none.
@@ -61,10 +61,10 @@ pub struct KnownUploads {
     pub own_uploaded_seqs: Vec<i64>,
     /// The uploads, oldest first.
     pub uploads: Vec<(KnownUpload, MeasurementSetInput)>,
-    /// True if it cannot be decided whether the points repeat an upload from before that session. This is so if nobody has explained the
-    /// session and the robot has more uploads or points than the limits below. Then only the newest uploads are compared.
+    /// True if only the newest uploads are compared, because the robot has more uploads or points than the limits below, and nobody has
+    /// explained that session. It is then unknown whether the points repeat an older upload.
     pub is_undecided: bool,
-    /// For a check: whether a job of another kind has used its upload, or its upload is too old to be among those that are compared.
+    /// For a check: whether a job of another kind has used its upload, or the upload is older than all that are compared.
     pub is_own_upload_used: bool,
 }
 

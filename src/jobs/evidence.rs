@@ -246,8 +246,7 @@ pub async fn scored_sessions(store: &Store, set: &ParameterSetRow) -> Result<Vec
     let (sessions, identified): (Vec<_>, Vec<_>) = rows
         .into_iter()
         .partition(|row| row.found.kind == VerificationKind::Session);
-    // If the facts of the identification are missing, the frame `base` is assumed: a session in the instrument's frame then counts as one
-    // that hides the base.
+    // Without the facts of the identification, the frame `base` is assumed. A session in the instrument's frame then hides the base.
     let frame = identified.first().map_or(Frame::Base, |row| row.frame);
     let sessions = sessions.into_iter();
     Ok(sessions

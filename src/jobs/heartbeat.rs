@@ -60,7 +60,7 @@ impl Control {
         self.stop_requested.notify_one();
     }
 
-    /// Resolves when the computation was asked to stop because of a cancellation. Only one task may wait.
+    /// Resolves when the job was cancelled. Only one task may wait, because `notify_one` wakes only one.
     pub(super) async fn cancelled(&self) {
         while self.stop_reason() != Some(StopReason::Cancelled) {
             self.stop_requested.notified().await;

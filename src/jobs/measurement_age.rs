@@ -1,5 +1,5 @@
-//! Finds out when a job's own points were measured, as far as the robot's other uploads show it: in which upload the points appeared first,
-//! and whether that upload is older than the robot's last session that did not fit.
+//! Compares a job's own points with the robot's other uploads. Finds the upload in which the points appeared first, and whether it is older than the
+//! robot's last session that did not fit.
 
 use crate::calibration::{CalibrationRequest, RepeatedRows};
 use crate::jobs::JobInputs;
@@ -32,8 +32,9 @@ struct UploadAge {
     is_repeat: bool,
 }
 
-/// The points of a check must repeat no earlier upload at all, and its upload must not have been used by another job. The points of other jobs must
-/// not repeat the uploads from before the last session that did not fit.
+/// Finds the age of a job's points, and whether they repeat an upload that they must not repeat. The points of a check must repeat no earlier
+/// upload, and no other kind of job may have used its upload. The points of other jobs must not repeat the uploads from before the last session that
+/// did not fit.
 pub(super) fn measurement_age(inputs: &JobInputs, request: &CalibrationRequest) -> MeasurementAge {
     let is_check = inputs.job.kind == Kind::Check;
     let known = &inputs.known;

@@ -124,8 +124,7 @@ async fn work(store: Store, context: WorkerContext) {
     let mut shutdown_stage = context.shutdown_stage.subscribe();
     while *shutdown_stage.borrow() == ShutdownStage::Running {
         match run_next_job(&store, &context).await {
-            // Continues at once if another job is queued. A read finds this out, because a claim takes the database's only writer even if
-            // no job is queued.
+            // Continues at once if another job is queued. A read checks this first, because a claim takes SQLite's only writer.
             Ok(Some(_)) if jobs::any_queued(&store).await.unwrap_or(true) => {}
             Ok(_) => {
                 tokio::select! {

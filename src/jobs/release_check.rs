@@ -36,8 +36,8 @@ pub struct ReleaseRequest {
     pub purpose: Purpose,
 }
 
-/// Purpose of a release check. A superseded set that is released again must pass all gates. For a rollback, `improved_on_active`, `change_plausible`
-/// and `orientation_known` only warn; so does `scored_on_later_sessions`, unless that session found a change.
+/// Purpose of a release check. A superseded set that is released again must pass all gates. In a rollback these gates only warn:
+/// `improved_on_active`, `change_plausible`, `orientation_known`, and `scored_on_later_sessions` unless that session found a change.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Purpose {
     /// The set becomes the active one.
@@ -317,8 +317,8 @@ async fn compare(
     Ok(comparisons)
 }
 
-/// The first later session on which the set was not scored. Copies of the set's own upload are skipped. If the limit was reached and all
-/// sessions read are copies, the last one counts, because others may not have been read. Reads one upload at a time.
+/// The first later session on which the set was not scored. Copies of the set's own upload are skipped. If [`MAX_LATER`] sessions were read and
+/// all are copies, the last one counts, because there may be further sessions. Reads one upload at a time.
 async fn unscored_session(
     store: &Store,
     permit: &(impl Clone + Send + 'static),

@@ -35,11 +35,11 @@ impl ComparedRms {
     }
 }
 
-/// Two sets are equally good if their errors differ by less, mm: a tenth of a laser tracker's uncertainty over an arm's reach.
+/// Largest difference between the errors of two sets that count as equally good, mm: a tenth of a laser tracker's uncertainty over an arm's reach.
 pub const SAME_MM: f64 = 0.001;
-/// Largest share of the active set's error that counts as chance, however few the points are.
+/// Upper limit of the difference that counts as chance, as a share of the active set's error. It applies even with few points.
 const MAX_CHANCE_SHARE: f64 = 0.1;
-/// With fewer points their scatter is not known well enough; it then counts as 0.
+/// Minimum number of points for an estimate of their scatter. With fewer points the scatter counts as 0.
 const MIN_POINTS_FOR_SCATTER: usize = 12;
 /// Points with errors above this multiple of the rms are left out of the scatter.
 const MAX_ERROR_PER_RMS: f64 = 4.0;

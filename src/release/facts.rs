@@ -186,8 +186,8 @@ pub fn identification_facts(
     }
 }
 
-/// Facts of a job that identified nothing and failed with this code because its points do not fit one robot. Older sets are not released
-/// until they are scored on these points. `None` if the code says nothing about the robot.
+/// Facts of a job that failed with this code because its points do not fit one robot. Older sets are not released until they are scored on these
+/// points. `None` for a code that is not about the robot.
 pub fn failure_facts(code: &str, misfit_seq: i64) -> Option<Verification> {
     [SESSIONS_DIFFER, FIT_DIVERGED]
         .contains(&code)
@@ -303,8 +303,8 @@ pub fn session_facts(
     }
 }
 
-/// The facts as they are stored when the job ends. `misfit_seq` is the robot's last session that did not fit at that time. If that session came after
-/// the job began, the points count as a repeat: they were not compared with the uploads from before it.
+/// The facts as they are stored when the job ends. `misfit_seq` is the robot's last session that did not fit at that time. If that session came
+/// after the job began, the points count as a repeat, because they were not compared with the uploads from before that session.
 pub fn facts_at_end(found: &Verification, misfit_seq: i64) -> Verification {
     Verification {
         is_repeat: found.is_repeat || found.misfit_seq != misfit_seq,

@@ -97,7 +97,7 @@ pub struct Facts<'a> {
     pub is_withdrawn: bool,
     /// A withdrawn parameter set whose values this one holds, or that is equivalent to it on the same points.
     pub withdrawn_source: Option<&'a WithdrawnSource>,
-    /// Whether this is a rollback: the active set is withdrawn, and this set, which was released before, replaces it.
+    /// Whether this is a rollback: this set was released before, and replaces the active set, which is withdrawn.
     pub is_rollback: bool,
     /// Serial number of the robot.
     pub serial_number: Option<&'a str>,

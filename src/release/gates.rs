@@ -183,8 +183,8 @@ fn delivered_rms_mm(subset: &SubsetReport) -> f64 {
     subset.corrected.unwrap_or(subset.after).rms_mm
 }
 
-/// The verified errors are those of the fit to the identify subset. They hold for the delivered parameters only if these place the tool
-/// nearly where the verified fit does.
+/// The verified errors are those of the fit to the identify subset. They apply to the delivered parameters only if both place the tool nearly
+/// equally.
 fn final_fit(facts: &StoredFacts<'_>) -> Gate {
     let name = "final_fit_near_verified";
     let Some(last) = facts.report.final_fit else {

@@ -18,7 +18,7 @@ pub struct Session {
     pub is_base_hidden: bool,
     /// Number in the audit chain of the upload in which its points appeared first.
     pub measured_seq: i64,
-    /// Whether its points are older than the last event after which the robot may have changed ([`oldest_current_seq`]). It then does not show
+    /// Whether its points are older than the last event after which the robot may have changed ([`PointsSeq::oldest_current`]). It then does not show
     /// the robot as it is now.
     pub is_outdated: bool,
     /// Whether the session is evidence against the set. It is none if it has few points, or if its upload was refused and insisted on. A
@@ -77,7 +77,7 @@ pub fn supports(session: &Verification) -> bool {
         && !session.is_worse
 }
 
-/// What a session says about a set.
+/// Whether a session is evidence for or against a set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SessionVerdict {
     /// It is independent evidence for the set.
@@ -87,7 +87,8 @@ pub enum SessionVerdict {
 }
 
 impl Session {
-    /// What the session says about the set, if anything. With a tolerance, errors that are larger than at the identification may still be small enough.
+    /// Whether the session is evidence for or against the set; `None` if it is neither. With a tolerance, errors that are larger than at the
+    /// identification may still be small enough.
     pub fn verdict(&self, has_tolerance: bool) -> Option<SessionVerdict> {
         let found = &self.verification;
         let is_as_good = found.is_better && (has_tolerance || !found.is_worse);

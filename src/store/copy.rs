@@ -64,8 +64,8 @@ struct Column {
     kind: ColumnType,
 }
 
-/// Copies one store into another in one transaction of the target. No process may write to the source during the copy. `started_table` is called at the start
-/// of each table.
+/// Copies one store into another in one transaction of the target. No process may write to the source during the copy. `started_table` is
+/// called before each table.
 ///
 /// # Errors
 /// [`Error::Open`] if the target is not empty or the schemas differ, [`Error::Database`].

@@ -29,8 +29,8 @@ macro_rules! scored_set {
 
 pub(super) const ALL_QUERIES: &[&str] = &[NEWEST, IS_USED];
 
-// The newest uploads of a robot, by the order of the audit chain. An upload without an entry is older than the chain. With $5 = 1, an
-// upload for which a check found a change counts as older than the session that did not fit.
+// The newest uploads of a robot, by the order of the audit chain. An upload without an entry is older than the chain. With $5 = 1 (a job of kind
+// `verify`), an upload for which a check found a change counts as older than the session that did not fit.
 const NEWEST: &str = concat!(
     "with known as (
         select m.id as id, m.n_points as n_points, coalesce((select max(a.seq) from audit a where a.subject = m.id and a.event = $4), 0) as uploaded_seq

@@ -121,8 +121,8 @@ macro_rules! expired {
     };
 }
 
-/// SQL: 1 if the lease expired because the process died, froze or lost its connection; 0 if the worker gave up, because [`GIVE_UP`] sets
-/// `lease_until_ms` to 0.
+/// SQL: 1 if the lease expired because the process died, froze or lost its connection; 0 if the worker gave up ([`GIVE_UP`] sets
+/// `lease_until_ms` to 0).
 macro_rules! died_now {
     () => {
         "(case when lease_until_ms > 0 then 1 else 0 end)"
@@ -349,8 +349,8 @@ pub struct Exhausted {
     pub by_deaths_json: String,
 }
 
-/// Takes jobs from workers whose leases have expired. A job is queued again; it is a suspect if its process died. A job fails with `exhausted`
-/// after `max_attempts` attempts that the job itself ended, or after [`MAX_DEATHS_ALONE`] deaths of a process that computed only this job.
+/// Takes jobs from workers whose leases have expired. A job is queued again, as a suspect if its process died. It fails with a problem of
+/// `exhausted` after `max_attempts` attempts that the job itself ended, or after [`MAX_DEATHS_ALONE`] deaths of a process that computed only this job.
 pub async fn expire(store: &Store, max_attempts: i64, exhausted: &Exhausted) -> Result<Expired> {
     // Usually no lease has expired. Reading this first avoids the write lock.
     let n_expired: i64 = sql::value(store.readers(), N_EXPIRED, values![]).await?;

@@ -116,7 +116,7 @@ const OTHER_ROBOTS: &str = "select count(*) from robot r where r.id <> $1
     and exists (select 1 from measurement_set m where m.robot_id = r.id and m.sha256 = $2
         and not exists (select 1 from archived a where a.id = m.id))";
 
-// The newest upload of these bytes to a robot, what was archived left out.
+// The newest upload of these bytes to a robot. Archived uploads are left out.
 const SAME_FILE: &str = concat!(
     "select ",
     columns!(),

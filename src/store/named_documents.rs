@@ -1,5 +1,5 @@
-//! Named documents of a robot: column mappings of its files, work frames, tools, and references of its instruments. A stored document never changes. A
-//! new version under the same name replaces it.
+//! Named documents of a robot: column mappings of its files, work frames, tools, and references of its instruments. A stored document never
+//! changes; a new version under the same name replaces it.
 
 use crate::wire::names;
 use serde_json::{Value, json};

@@ -144,7 +144,7 @@ fn result_sha256(
                 !ABOUT_EARLIER_SESSIONS.contains(&warning["code"].as_str().unwrap_or_default())
             });
         }
-        // the time of a comparison, and the names of points in their file
+        // Removes the duration of a comparison, and the names of points.
         for (rows, field) in [
             ("/comparison", "duration_ms"),
             ("/per_point", "name"),

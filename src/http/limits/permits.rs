@@ -7,8 +7,8 @@
 //!    so that slow clients hold none;
 //! 2. a token of its key, or of its address if the key is unknown ([`TokenBuckets`]);
 //! 3. memory for its body as it arrives ([`BodyBudget`]);
-//! 4. a permit to compute or to read a whole document ([`Limits::compute`]), for which it waits;
-//! 5. memory for a large answer until it is sent ([`Limits::answer`]).
+//! 4. a permit to compute or to read a whole document ([`Limits::compute_permit`]), for which it waits;
+//! 5. memory for a large answer until it is sent ([`Limits::answer_memory`]).
 //!
 //! Withdraw, rollback and cancel have permits of their own ([`RequestClass::Safety`]), so that no flood of other requests keeps them out.
 
@@ -158,8 +158,8 @@ impl Limits {
     }
 
     /// Admits a request before it is routed. A read takes its permit now. A request with a body takes it when the body has arrived
-    /// ([`BodyBudget::arrived`]), but is refused now if none is free. [`RequestClass::Safety`] takes its permit when its key is known
-    /// ([`Limits::compute`]), so that nobody without a key can use them up.
+    /// ([`BodyBudget::take_class_permit`]), but is refused now if none is free. [`RequestClass::Safety`] takes its permit when its key is known
+    /// ([`Limits::compute_permit`]), so that nobody without a key can use them up.
     pub fn admit(&self, class: RequestClass) -> Result<Option<OwnedSemaphorePermit>, Error> {
         let refuse_if_none_free = |semaphore: &Semaphore| match semaphore.available_permits() {
             0 => Err(Error::Busy),
@@ -327,7 +327,7 @@ impl BodyBudget {
                 self.permits.push(try_take(&self.limits.0.calculations, 1)?)
             }
             RequestClass::Write => self.permits.push(try_take(&self.limits.0.writes, 1)?),
-            // `admit` or `compute` gives these their permit.
+            // `admit` or `compute_permit` gives these their permit.
             RequestClass::Read | RequestClass::CostlyRead | RequestClass::Safety => {}
         }
         Ok(self.permits)

@@ -15,7 +15,7 @@ use tokio::sync::OwnedSemaphorePermit;
 
 /// Answers up to this size are not counted: 4096 clients that do not read hold at most 256 MiB, for ten seconds.
 const LARGE_ANSWER_BYTES: u64 = 64 * 1024;
-/// Size of the chunks for hyper, which asks for the next chunk when it has sent most of the last one.
+/// Size of the chunks for hyper. It polls the next chunk when it has sent most of the last one.
 const CHUNK_BYTES: usize = 32 * 1024;
 
 /// Middleware: counts an answer if it is large, until it is sent or its client disconnects. Beyond the limit the answer is 503.
@@ -54,7 +54,7 @@ async fn hold_memory(response: Response, limits: &Limits) -> Response {
     }
 }
 
-/// An answer and its permit, in one owner, because the connection may hold the last chunks longer than the body.
+/// The bytes of an answer and their permit. They have one owner, because the connection may hold the last chunks longer than the body.
 struct Counted {
     bytes: Bytes,
     _permit: OwnedSemaphorePermit,

@@ -34,7 +34,7 @@ pub(super) fn sheets(
         if at >= n_shown && !found.is_empty() {
             break;
         }
-        // Charts and macros are not sheets with cells.
+        // Sheets of charts and macros have no cells.
         let Ok(mut cells) = workbook.worksheet_cells_reader(name) else {
             continue;
         };

@@ -19,7 +19,7 @@ pub(super) fn each_element(
     let name = name.ok_or_else(|| broken(&format!("it has no {path}")))?;
     let file = archive.by_name(&name).map_err(|e| broken(&e.to_string()))?;
     let mut reader = Reader::from_reader(BufReader::new(file));
-    // The cell reader does not check end names either.
+    // As in calamine's cell reader, the names of end tags are not checked.
     reader.config_mut().check_end_names = false;
     let mut buffer = Vec::new();
     loop {
