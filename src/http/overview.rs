@@ -106,7 +106,7 @@ fn first_refusal(row: &OverviewRow, of_set: Vec<VerificationRow>) -> Result<Opti
         identification_seq: identified.seq,
         sessions: &sessions,
         has_other_joint_map: row.newest_has_other_joint_map,
-        insisted_source: row.newest_insisted_on.as_deref(),
+        insisted_on: row.newest_insisted_on.as_deref(),
         policy: &policy,
         report: &ReportSummary::default(),
     });

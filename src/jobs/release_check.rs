@@ -118,8 +118,8 @@ struct GateInputs {
     /// `None` for an unknown key.
     uploaders: Vec<Option<KeyHolder>>,
     approver: KeyHolder,
-    /// Code of the suspicion that was overridden with `insist`, for an upload on which its held values or its residual network are based.
-    insisted_source: Option<String>,
+    /// [`StoredFacts::insisted_on`].
+    insisted_on: Option<String>,
     /// A withdrawn parameter set whose values this set holds, or which is equivalent to this set ([`equivalent_withdrawn_set`]).
     withdrawn_source: Option<WithdrawnSource>,
 }
@@ -143,10 +143,14 @@ pub async fn check(
         sets.push(measurement_sets::get(store, id).await?);
     }
     let mut uploaders: Vec<_> = sets.iter().map(|set| set.uploaded_by.clone()).collect();
-    let mut insisted_source = None;
+    let mut insisted_on = sets.iter().find_map(|set| set.insisted_on.clone());
+    if let Some(id) = &job.verify_set_id {
+        let verify_set = measurement_sets::get(store, id).await?;
+        insisted_on = insisted_on.or(verify_set.insisted_on);
+    }
     for upload in job_sources::uploads(store, &job.id).await? {
         let source = measurement_sets::get(store, &upload.measurement_set_id).await?;
-        insisted_source = insisted_source.or(source.insisted_on);
+        insisted_on = insisted_on.or(source.insisted_on);
         if upload.is_held {
             uploaders.push(source.uploaded_by);
         }
@@ -224,7 +228,7 @@ pub async fn check(
         sets,
         uploaders: holders,
         approver: key_holder(store, approver.clone()).await?,
-        insisted_source,
+        insisted_on,
         withdrawn_source,
     };
     let decision = blocking::run(permit, move || {
@@ -348,7 +352,7 @@ fn run_gates(
         sets,
         uploaders,
         approver,
-        insisted_source,
+        insisted_on,
         withdrawn_source,
     } = inputs;
     let unreadable = |cause: String| Unreadable(format!("robot {}: {cause}", robot.id));
@@ -363,7 +367,7 @@ fn run_gates(
         identification_seq: parsed.identification_seq,
         sessions: &parsed.sessions,
         has_other_joint_map: request.set.joint_map_version != robot.joint_map_version,
-        insisted_source: insisted_source.as_deref(),
+        insisted_on: insisted_on.as_deref(),
         policy: &policy.body(rule_in_force(policy.decision_rule, policy.version > 0)),
         report: &parsed.report,
     };

@@ -67,8 +67,9 @@ pub struct StoredFacts<'a> {
     pub sessions: &'a [Session],
     /// Whether the set was identified with a joint map that the robot no longer has.
     pub has_other_joint_map: bool,
-    /// Code of the suspicion that was overridden with `insist`, for an upload on which its held values or its residual network are based.
-    pub insisted_source: Option<&'a str>,
+    /// Code of the suspicion that was overridden with `insist`, for an upload that the set depends on: one that was fitted or held out, or on which its
+    /// held values or its residual network are based.
+    pub insisted_on: Option<&'a str>,
     /// The robot's release policy.
     pub policy: &'a PolicyBody,
     /// Summary of the report of the job that identified the set, with the nominal model of that job. It is not a column. A list leaves it

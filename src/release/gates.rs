@@ -11,7 +11,7 @@ use crate::release::session_gates::{
 use crate::release::sessions::{Session, supports};
 use crate::release::texts::{errors_in_words, sessions};
 use crate::release::tolerance_gates::{errors_within_tolerance, uncertainty};
-use crate::release::verdict::{INSISTED, TOO_MANY_OUTLIERS};
+use crate::release::verdict::{TOO_MANY_OUTLIERS, insisted_warning};
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::release::Gate;
 use crate::wire::report_shape::{Evidence, SubsetReport};
@@ -242,25 +242,19 @@ fn all_finite(content: &ParameterSetContent) -> Gate {
     Gate::new("all_finite", finite, "every number must be finite")
 }
 
-/// Refuses a set whose upload was accepted with `insist`. The schema's triggers enforce this too.
+/// Refuses a set that depends on an upload that was accepted with `insist`. The schema's triggers enforce this too.
 fn not_insisted(facts: &StoredFacts<'_>) -> Gate {
     let name = "upload_not_insisted";
-    let mut warnings = facts.report.warnings.iter();
-    let own = warnings.find(|warning| warning.code == INSISTED);
-    match (own, facts.insisted_source) {
-        (None, None) => Gate::new(name, true, "none of its uploads was insisted on"),
-        (Some(warning), _) => Gate::new(
-            name,
-            false,
-            format!("{}: measure again, or mend the file", warning.detail),
-        ),
-        (None, Some(code)) => Gate::new(
-            name,
-            false,
-            format!(
-                "its held values or residual network use an upload that was insisted on ({code}): identify all parameters, without that network"
-            ),
-        ),
+    match facts.insisted_on {
+        None => Gate::new(name, true, "none of its uploads was insisted on"),
+        Some(code) => {
+            let refused = insisted_warning(code).detail;
+            Gate::new(
+                name,
+                false,
+                format!("{refused}: measure again, or mend the file"),
+            )
+        }
     }
 }
 
