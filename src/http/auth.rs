@@ -8,7 +8,7 @@ use crate::store::{ApiKeyRow, api_keys, browser_sessions};
 use crate::wire::canonical;
 use crate::wire::key::Scope;
 use axum::extract::{MatchedPath, Request, State};
-use axum::http::{HeaderMap, HeaderValue, Method, header};
+use axum::http::{Extensions, HeaderMap, HeaderValue, Method, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use std::net::IpAddr;
@@ -61,6 +61,15 @@ impl Caller {
             session_sha256,
             class,
         })
+    }
+
+    /// The client of a request that [`authorize`] has let through.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] for a route without [`authorize`].
+    pub fn from_extensions(extensions: &Extensions) -> Result<Self, Error> {
+        let caller = extensions.get::<Self>().cloned();
+        caller.ok_or_else(|| Error::Internal("a route without authorisation".into()))
     }
 
     fn anonymous(class: RequestClass) -> Self {

@@ -50,9 +50,7 @@ impl FromRequest<App> for Submission {
 
 impl Submission {
     async fn read(request: Request, app: &App) -> Result<Self, Error> {
-        let caller = request.extensions().get::<Caller>().cloned();
-        let caller =
-            caller.ok_or_else(|| Error::Internal("a route without authorisation".into()))?;
+        let caller = Caller::from_extensions(request.extensions())?;
         let key = idempotency_key(request.headers())?;
         let uri = request.uri().clone();
         let method = request.method().to_string();

@@ -320,10 +320,10 @@ async fn load_sources(store: &Store, job_id: &str) -> Result<Vec<MeasurementSetI
 }
 
 async fn load_known(store: &Store, job: &JobRow) -> Result<KnownUploads> {
-    let check = verifications::robot_counters(store, &job.robot_id).await?;
+    let counters = verifications::robot_counters(store, &job.robot_id).await?;
     let (robot_id, is_session) = (&job.robot_id, job.kind == Kind::Verify);
     let limit = MAX_KNOWN as i64 + 1;
-    let found = known_uploads::newest(store, robot_id, check.misfit_seq, is_session, limit);
+    let found = known_uploads::newest(store, robot_id, counters.misfit_seq, is_session, limit);
     let mut found: Vec<KnownUpload> = found.await?;
     let n_found = found.len();
     found.truncate(MAX_KNOWN);
@@ -352,10 +352,10 @@ async fn load_known(store: &Store, job: &JobRow) -> Result<KnownUploads> {
         uploads.push((upload, input));
     }
     Ok(KnownUploads {
-        misfit_seq: check.misfit_seq,
+        misfit_seq: counters.misfit_seq,
         own_uploaded_seqs,
         uploads,
-        is_undecided: is_cut && check.misfit_seq > check.checked_seq,
+        is_undecided: is_cut && counters.misfit_seq > counters.checked_seq,
         is_own_upload_used,
     })
 }
