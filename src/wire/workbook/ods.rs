@@ -9,14 +9,21 @@ use crate::wire::Invalid;
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
 use std::io::BufReader;
+use std::ops::Range;
 
 /// The row that is being read.
 #[derive(Default)]
 struct Row {
-    cells: Vec<(usize, String)>,
+    cells: Vec<RepeatedCell>,
     column: usize,
     repeats: usize,
     is_hidden: bool,
+}
+
+/// Equal cells side by side. Their text is stored once: it may be long, and a file states the number of repeats.
+struct RepeatedCell {
+    columns: Range<usize>,
+    text: String,
 }
 
 /// The cell that is being read.
@@ -142,8 +149,10 @@ fn write(text: &mut SheetText, at: usize, row: &Row) -> Result<(), Invalid> {
         return Err(refused("too_many_rows", detail));
     }
     for row_at in at..at + row.repeats {
-        for (column, cell) in &row.cells {
-            text.cell(row_at, *column, cell, row.is_hidden)?;
+        for cell in &row.cells {
+            for column in cell.columns.clone() {
+                text.cell(row_at, column, &cell.text, row.is_hidden)?;
+            }
         }
     }
     Ok(())
@@ -151,15 +160,14 @@ fn write(text: &mut SheetText, at: usize, row: &Row) -> Result<(), Invalid> {
 
 impl Row {
     fn take(&mut self, cell: Cell) -> Result<(), Invalid> {
-        let value = cell.value.unwrap_or(cell.text);
-        if !value.is_empty() {
+        let text = cell.value.unwrap_or(cell.text);
+        if !text.is_empty() {
             if self.column + cell.repeats > MAX_COLUMNS {
                 let detail = format!("a row has more than {MAX_COLUMNS} columns");
                 return Err(refused("too_many_columns", detail));
             }
-            let places = self.column..self.column + cell.repeats;
-            self.cells
-                .extend(places.map(|column| (column, value.clone())));
+            let columns = self.column..self.column + cell.repeats;
+            self.cells.push(RepeatedCell { columns, text });
         }
         self.column = self.column.saturating_add(cell.repeats);
         Ok(())
