@@ -65,11 +65,11 @@ pub(super) fn as_edited(row: &RobotVersionRow) -> Value {
 /// Stores a new version of a robot.
 ///
 /// # Errors
-/// [`Conflict::RobotChanged`] if the robot was edited in the meantime, [`Conflict::JointMapReleased`], [`super::Error::NotFound`],
-/// [`super::Error::Database`].
+/// [`Conflict::RobotChanged`] if the robot was edited in the meantime, [`Conflict::JointMapReleased`], [`Conflict::RobotArchived`],
+/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn edit(tx: &mut Tx, id: &str, edit: &RobotEdit, by: &str) -> Result<RobotRow> {
     tx.require_disk_space()?;
-    robots::lock(tx, id).await?;
+    robots::lock_in_use(tx, id).await?;
     let values = values![
         id,
         edit.edited_version,

@@ -7,7 +7,7 @@ use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
 use super::sql::{self, rows_after, values};
-use super::{AuditEvent, ListRequest, Page, Result, Store, Tx};
+use super::{AuditEvent, Conflict, ListRequest, Page, Result, Store, Tx};
 use crate::wire::canonical;
 
 row! {
@@ -182,6 +182,18 @@ pub(crate) async fn lock_of_job(tx: &mut Tx, job_id: &str) -> Result<()> {
 pub(super) async fn lock(tx: &mut Tx, id: &str) -> Result<()> {
     sql::execute(tx.connection(), LOCK, values![id]).await?;
     Ok(())
+}
+
+/// As [`lock`]; refuses an archived robot. Archiving locks the same row, so the robot stays in use until the transaction ends.
+///
+/// # Errors
+/// [`Conflict::RobotArchived`], [`super::Error::NotFound`], [`super::Error::Database`].
+pub(super) async fn lock_in_use(tx: &mut Tx, id: &str) -> Result<()> {
+    lock(tx, id).await?;
+    match get_in(tx, id).await?.archived_at_ms {
+        Some(_) => Err(Conflict::RobotArchived.into()),
+        None => Ok(()),
+    }
 }
 
 /// Puts the robot into the state `check_robot`, because a session does not fit it.
