@@ -72,6 +72,9 @@ impl SheetText {
             self.text.push('\t');
             self.column += 1;
         }
+        if self.text.len() + cell.len() > MAX_TEXT_BYTES {
+            return Err(too_large());
+        }
         let plain = cell.replace(['\t', '\n', '\r'], " ");
         if plain.starts_with('"') {
             self.text
