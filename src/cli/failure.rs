@@ -51,7 +51,7 @@ impl RequestError {
             Err(_) => anyhow::anyhow!("the server answered {status}"),
         };
         if matches!(status, 429 | 502..=504) {
-            Self::Busy(wait(headers), error)
+            Self::Busy(retry_delay(headers), error)
         } else {
             Self::Final(error)
         }
@@ -78,7 +78,7 @@ impl From<RequestError> for anyhow::Error {
     }
 }
 
-fn wait(headers: &HeaderMap) -> Duration {
+fn retry_delay(headers: &HeaderMap) -> Duration {
     let retry_after = headers
         .get(RETRY_AFTER)
         .and_then(|value| value.to_str().ok()?.trim().parse().ok());

@@ -135,7 +135,7 @@ async fn create(
     tx.commit().await?;
     let mut shown = key.text.clone();
     if output.json {
-        let mut made = described(&row)?;
+        let mut made = key_json(&row)?;
         made["key"] = key.text.into();
         shown = serde_json::to_string_pretty(&made)?;
     } else {
@@ -163,7 +163,7 @@ async fn all(store: &Store) -> anyhow::Result<Vec<ApiKeyRow>> {
     }
 }
 
-fn described(row: &ApiKeyRow) -> anyhow::Result<Value> {
+fn key_json(row: &ApiKeyRow) -> anyhow::Result<Value> {
     let robots: Option<Value> = row
         .robots_json
         .as_deref()
@@ -183,7 +183,7 @@ async fn list(store: &Store, output: &Output) -> anyhow::Result<()> {
     let rows = all(store).await?;
     let items = rows
         .iter()
-        .map(described)
+        .map(key_json)
         .collect::<anyhow::Result<Vec<Value>>>()?;
     let answer = json!({"items": items});
     let everywhere = |mut item: Value| {

@@ -430,7 +430,7 @@ fn list_or_show(
             }
             _ => 0,
         };
-        let empty = nothing_listed(kind.empty, is_filtered, n_archived);
+        let empty = empty_list_in_words(kind.empty, is_filtered, n_archived);
         output.table(&page, kind.columns, &rows, &empty)?;
         if !page["next_cursor"].is_null() && !output.json {
             eprintln!(
@@ -454,7 +454,7 @@ async fn n_archived(
 }
 
 /// Message for a list without rows.
-fn nothing_listed(empty: &str, is_filtered: bool, n_archived: u64) -> String {
+fn empty_list_in_words(empty: &str, is_filtered: bool, n_archived: u64) -> String {
     match (is_filtered, n_archived) {
         (true, 0) => "no item matches these filters".into(),
         (false, 0) => empty.into(),

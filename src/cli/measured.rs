@@ -272,7 +272,10 @@ pub fn unread_in_words(table: &UnderstoodBody) -> Option<String> {
 fn join_in_words(join: &JoinBody) -> Vec<String> {
     let clock = match (join.clock_offset_s, join.tolerance_s) {
         (Some(offset), Some(tolerance)) => {
-            format!("; {}, pairs may be {tolerance:.3} s apart", clocks(offset))
+            format!(
+                "; {}, pairs may be {tolerance:.3} s apart",
+                clock_offset_in_words(offset)
+            )
         }
         _ => String::new(),
     };
@@ -328,7 +331,7 @@ fn join_in_words(join: &JoinBody) -> Vec<String> {
 /// epochs.
 const MAX_SAME_CALENDAR_S: f64 = 200_000.0;
 
-fn clocks(offset_s: f64) -> String {
+fn clock_offset_in_words(offset_s: f64) -> String {
     let size_s = offset_s.abs();
     match offset_s {
         _ if size_s > MAX_SAME_CALENDAR_S => format!(

@@ -195,12 +195,12 @@ fn keep(kept: &NamedItemArguments, kind: &str, body: &impl Serialize) -> anyhow:
     let below = named(kind, &kept.name)?;
     let answer = kept.robot.send(reqwest::Method::PUT, &below, body)?;
     kept.robot.output.print(&answer, || {
-        in_words(std::slice::from_ref(&answer)) + &of_points(&answer)
+        in_words(std::slice::from_ref(&answer)) + &points_in_words(&answer)
     })
 }
 
 /// Text about the measured points: the residual of each, and the warnings.
-fn of_points(item: &Value) -> String {
+fn points_in_words(item: &Value) -> String {
     let residuals = item["residuals_mm"].as_array().into_iter().flatten();
     let residuals: Vec<String> = residuals
         .filter_map(Value::as_f64)

@@ -176,7 +176,7 @@ pub fn run(command: &LibraryCommand) -> anyhow::Result<()> {
 
 fn find(arguments: &FindArguments) -> anyhow::Result<()> {
     let text = arguments.text.join(" ");
-    let found = found(&text, arguments.maker.as_deref())?;
+    let found = matching_arms(&text, arguments.maker.as_deref())?;
     if let Some(file) = &arguments.robot_file {
         let model = only_match(&found, &text)?;
         let body = serde_json::to_string_pretty(&model.robot)?;
@@ -190,7 +190,7 @@ fn find(arguments: &FindArguments) -> anyhow::Result<()> {
             "no ready arm has {text:?} in its name; `kincal robots find` lists all; another robot is added from its URDF or a table: kincal robots add FILE"
         ))
         .into()),
-        [model] => arguments.output.print(model, || in_full(model)),
+        [model] => arguments.output.print(model, || model_in_words(model)),
         several => {
             let row = |model: &&RobotModel| {
                 let joints = model.joints.len().to_string();
@@ -208,7 +208,7 @@ fn find(arguments: &FindArguments) -> anyhow::Result<()> {
 }
 
 /// The arm with exactly this id or name; otherwise all arms that match the words.
-fn found(text: &str, maker: Option<&str>) -> anyhow::Result<Vec<&'static RobotModel>> {
+fn matching_arms(text: &str, maker: Option<&str>) -> anyhow::Result<Vec<&'static RobotModel>> {
     let all = robot_models::find(text, maker).map_err(anyhow::Error::msg)?;
     let exact = |model: &&RobotModel| {
         [&model.id, &model.name, &model.robot.name].contains(&&text.to_owned())
@@ -265,7 +265,7 @@ fn only_match(found: &[&'static RobotModel], text: &str) -> anyhow::Result<&'sta
     }
 }
 
-fn in_full(model: &RobotModel) -> String {
+fn model_in_words(model: &RobotModel) -> String {
     let mut text = format!(
         "{}  ({})\n\nbase:    {}\nflange:  {}\njoints:  {}\n\n",
         model.robot.name,
@@ -336,7 +336,7 @@ fn links_table(links: &[LinkBody], joints: &[String]) -> String {
 fn add(arguments: &AddArguments) -> anyhow::Result<()> {
     let mut body = match (&arguments.arm, &arguments.file) {
         (Some(text), _) => arm_named(text)?.robot.clone(),
-        (None, Some(file)) => described(arguments, file)?,
+        (None, Some(file)) => robot_from_file(arguments, file)?,
         (None, None) => unreachable!("clap requires one of them"),
     };
     if let Some(name) = &arguments.name {
@@ -362,7 +362,7 @@ fn add(arguments: &AddArguments) -> anyhow::Result<()> {
 }
 
 /// A robot from a file: a robot file, a URDF or a table.
-fn described(arguments: &AddArguments, file: &Path) -> anyhow::Result<RobotBody> {
+fn robot_from_file(arguments: &AddArguments, file: &Path) -> anyhow::Result<RobotBody> {
     let bytes = read(file)?;
     let is_json = file
         .extension()

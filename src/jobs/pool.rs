@@ -64,10 +64,10 @@ impl WorkerPool {
                 max_duration,
                 ..WorkerContext::new(compute, lease, signals.clone())
             };
-            tasks.spawn(work(store.clone(), context));
+            tasks.spawn(run_worker(store.clone(), context));
         }
         let every = SWEEP_INTERVAL.min(lease / 2).max(Duration::from_millis(1));
-        tasks.spawn(sweep(
+        tasks.spawn(run_sweep(
             store,
             max_attempts,
             signals,
@@ -106,7 +106,7 @@ impl WorkerPool {
         ];
         for (stage, until) in stages {
             self.shutdown_stage.send_replace(stage);
-            if timeout_at(until, self.all_ended()).await.is_ok() {
+            if timeout_at(until, self.wait_for_tasks()).await.is_ok() {
                 return;
             }
         }
@@ -115,12 +115,12 @@ impl WorkerPool {
         );
     }
 
-    async fn all_ended(&mut self) {
+    async fn wait_for_tasks(&mut self) {
         while self.tasks.join_next().await.is_some() {}
     }
 }
 
-async fn work(store: Store, context: WorkerContext) {
+async fn run_worker(store: Store, context: WorkerContext) {
     let mut shutdown_stage = context.shutdown_stage.subscribe();
     while *shutdown_stage.borrow() == ShutdownStage::Running {
         match run_next_job(&store, &context).await {
@@ -145,7 +145,7 @@ async fn work(store: Store, context: WorkerContext) {
     }
 }
 
-async fn sweep(
+async fn run_sweep(
     store: Store,
     max_attempts: u32,
     signals: JobSignals,

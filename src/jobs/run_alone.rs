@@ -50,7 +50,7 @@ impl RunAlone {
     }
 
     /// A permit to run alone if no job runs now.
-    pub(super) async fn alone_now(&self) -> Option<Permit> {
+    pub(super) async fn try_alone(&self) -> Option<Permit> {
         timeout(CLAIM_TIMEOUT, self.alone()).await.ok()
     }
 

@@ -96,7 +96,7 @@ async fn claim_next(store: &Store, context: &WorkerContext) -> Result<Option<Cla
     if claimed.is_some() || !jobs::any_suspect_queued(store).await? {
         return Ok(claimed);
     }
-    match run_alone.alone_now().await {
+    match run_alone.try_alone().await {
         Some(permit) => claim(store, context, Eligible::Suspect, permit).await,
         None => Ok(None),
     }

@@ -70,7 +70,7 @@ impl Store {
     pub async fn begin(&self) -> Result<Tx> {
         self.require_data_dir()?;
         let mut write = PendingWrite::begin(&self.inner.writes);
-        let begun = self.begin_to_write().await;
+        let begun = self.begin_write_transaction().await;
         write.record(&begun);
         Ok(Tx {
             transaction: begun?,
@@ -81,7 +81,7 @@ impl Store {
         })
     }
 
-    async fn begin_to_write(&self) -> Result<Transaction<'static, Any>> {
+    async fn begin_write_transaction(&self) -> Result<Transaction<'static, Any>> {
         let writers = self.writers();
         Ok(match self.inner.engine {
             // `begin immediate` takes the write lock at once. A transaction that starts as a reader may fail to get the lock at its first write.

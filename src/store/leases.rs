@@ -152,7 +152,7 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     EXPIRE_AFTER_ATTEMPTS,
     EXPIRE_AFTER_DEATHS,
     EXPIRE_QUEUED,
-    END_ALL,
+    EXPIRE_ALL,
 ];
 
 const CLAIM_SQLITE: &str = claim!("= 0", "");
@@ -232,7 +232,7 @@ const EXPIRE_QUEUED: &str = expired!(
 );
 
 // Expires the leases of dead workers. The lease is set to 1, because 0 means that the worker gave up.
-const END_ALL: &str =
+const EXPIRE_ALL: &str =
     "update job set lease_until_ms = 1 where status = 'running' and lease_until_ms > 0";
 
 /// Maximum number of process deaths while the process computes only this job; then the job fails. A death is usually not caused by the job and does
@@ -394,9 +394,9 @@ pub async fn expire(store: &Store, max_attempts: i64, exhausted: &Exhausted) -> 
 }
 
 /// Ends every lease. Only the process that has locked the data directory may call this: all earlier workers are then dead.
-pub(super) async fn end_all(store: &Store) -> Result<()> {
+pub(super) async fn expire_all(store: &Store) -> Result<()> {
     let mut tx = store.begin().await?;
-    sql::execute(tx.connection(), END_ALL, values![]).await?;
+    sql::execute(tx.connection(), EXPIRE_ALL, values![]).await?;
     tx.commit().await
 }
 

@@ -94,7 +94,7 @@ impl Store {
                 let lock_file = lock_as_server(&data_dir).await?;
                 let store = connect_sqlite(&data_dir, Some(lock_file), true).await?;
                 migrate(&store).await?;
-                leases::end_all(&store).await?;
+                leases::expire_all(&store).await?;
                 Ok(store)
             }
             StoreLocation::Postgres { url } => open_postgres(&url).await,

@@ -167,7 +167,7 @@ impl WorkFrameBody {
     }
 
     /// The warning about a frame whose points do not fit well; `None` if they fit, and for a frame whose pose was entered.
-    pub fn doubt(&self, frame: &WorkFrame) -> Option<Warning> {
+    pub fn misfit_warning(&self, frame: &WorkFrame) -> Option<Warning> {
         self.points.as_ref()?;
         let std_mm = self.std_mm.unwrap_or(0.0);
         let doubt = FixtureDoubt::of(&self.fixture_points(), frame, std_mm)?;
@@ -307,7 +307,7 @@ impl WorkFrameBody {
     pub fn answer(self, name: String, created_at: String) -> Result<WorkFrameAnswer, Invalid> {
         let frame = self.work_frame()?;
         let is_measured = !frame.residuals_mm.is_empty();
-        let warnings = self.doubt(&frame).into_iter().collect();
+        let warnings = self.misfit_warning(&frame).into_iter().collect();
         Ok(WorkFrameAnswer {
             name,
             reference: self.reference,

@@ -90,7 +90,7 @@ pub struct UploadOptions<'a> {
 }
 
 impl UploadOptions<'_> {
-    fn of_file<'m>(&self, mapping: &'m Mapping, part: FilePart) -> TableOptions<'m> {
+    fn for_file<'m>(&self, mapping: &'m Mapping, part: FilePart) -> TableOptions<'m> {
         TableOptions {
             mapping,
             n_joints: self.n_joints,
@@ -241,9 +241,9 @@ fn read_file(
 ) -> Result<Content, Invalid> {
     let mut mapping = mapping.clone();
     let read = source(bytes, &mut mapping).and_then(|source| {
-        points::read(source, &options.of_file(&mapping, part)).map_err(|error| table_error(&error))
+        points::read(source, &options.for_file(&mapping, part)).map_err(|error| table_error(&error))
     });
-    read.map_err(|error| of_file(error, part))
+    read.map_err(|error| with_part_name(error, part))
 }
 
 /// Makes a preview of one file of an upload.
@@ -258,9 +258,9 @@ pub fn preview(
 ) -> Result<Preview, Invalid> {
     let mut mapping = options.columns.mapping(part)?;
     state_decimal(&mut mapping, options.decimal)?;
-    let source = source(bytes, &mut mapping).map_err(|error| of_file(error, part))?;
-    points::preview(source, &options.of_file(&mapping, part), n_rows)
-        .map_err(|error| of_file(table_error(&error), part))
+    let source = source(bytes, &mut mapping).map_err(|error| with_part_name(error, part))?;
+    points::preview(source, &options.for_file(&mapping, part), n_rows)
+        .map_err(|error| with_part_name(table_error(&error), part))
 }
 
 fn invalid(issues: Vec<Issue>) -> Invalid {
@@ -271,7 +271,7 @@ fn invalid(issues: Vec<Issue>) -> Invalid {
 }
 
 /// Adds to each issue which of the two files it is about.
-fn of_file(mut error: Invalid, part: FilePart) -> Invalid {
+fn with_part_name(mut error: Invalid, part: FilePart) -> Invalid {
     if part != FilePart::Table {
         for issue in &mut error.issues {
             issue.pointer = Some(format!("/{}", part.as_str()));

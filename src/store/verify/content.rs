@@ -157,14 +157,14 @@ fn compare_with_entry(check: &mut Check, chain: &Chain, id: &str, field: EntryFi
 /// Checks that every row whose creation is in the chain still exists.
 async fn check_lost_rows(check: &mut Check, store: &Store, chain: &Chain) -> Result<()> {
     for id in chain.events.keys() {
-        if chain.was_created(id) && !is_there(store, id).await? {
-            check.violated(format!("{id} was acknowledged and is gone"));
+        if chain.was_created(id) && !row_exists(store, id).await? {
+            check.add_violation(format!("{id} was acknowledged and is gone"));
         }
     }
     Ok(())
 }
 
-async fn is_there(store: &Store, id: &str) -> Result<bool> {
+async fn row_exists(store: &Store, id: &str) -> Result<bool> {
     if IdPrefix::from_id(id).is_none() {
         return Ok(true);
     }
@@ -193,7 +193,7 @@ pub(super) async fn answers_have_effects(store: &Store, chain: &Chain) -> Result
                 method, path, key, ..
             } = &scope;
             let Some(answer) = answer else {
-                check.violated(format!(
+                check.add_violation(format!(
                     "{method} {path} with key {key:?} was begun and never answered"
                 ));
                 continue;
@@ -208,7 +208,7 @@ pub(super) async fn answers_have_effects(store: &Store, chain: &Chain) -> Result
                 .as_deref()
                 .and_then(|location| location.rsplit('/').next())
             {
-                check.require(is_there(store, id).await?, || {
+                check.require(row_exists(store, id).await?, || {
                     format!("{method} {path} with key {key:?} was answered with {id}, which is not there")
                 });
             }
@@ -254,7 +254,7 @@ pub(super) async fn jobs_end_once(
         let values = values![STUCK_AFTER_MS];
         let stuck: Vec<String> = sql::all_values(store.readers(), STUCK, values).await?;
         stuck.into_iter().for_each(|id| {
-            check.violated(format!(
+            check.add_violation(format!(
                 "{id} is stuck: its lease ran out over a minute ago"
             ))
         });

@@ -163,7 +163,7 @@ fn compare(check: &mut Check, chain: &Chain, id: &str, expected: &ExpectedEntry)
                 });
             }
         }
-        (Some(_), None) => check.violated(format!(
+        (Some(_), None) => check.add_violation(format!(
             "{id}: {event} is in the audit chain, but not in its row"
         )),
         // I8 reports creations without an entry.

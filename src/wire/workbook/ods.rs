@@ -1,6 +1,6 @@
 //! Reads the sheets of an ods workbook row by row. A row or cell may state that it repeats a million times; most empty rows and cells do so.
 
-use super::refusal::{Archive, broken, refused};
+use super::refusal::{Archive, refused, unreadable};
 use super::sheet::{SheetText, Sheets};
 use super::xml::attribute;
 use crate::measurement::csv::MAX_ROWS;
@@ -37,7 +37,7 @@ struct Cell {
 pub(super) fn sheets(archive: &mut Archive, wanted: Option<&str>) -> Result<Sheets, Invalid> {
     let content = archive
         .by_name("content.xml")
-        .map_err(|e| broken(&e.to_string()))?;
+        .map_err(|e| unreadable(&e.to_string()))?;
     let mut reader = Reader::from_reader(BufReader::new(content));
     let (mut names, mut found) = (Vec::new(), Vec::new());
     let (mut buffer, mut sheet, mut row, mut cell) = (Vec::new(), None, Row::default(), None);
@@ -47,14 +47,14 @@ pub(super) fn sheets(archive: &mut Archive, wanted: Option<&str>) -> Result<Shee
         buffer.clear();
         let event = reader
             .read_event_into(&mut buffer)
-            .map_err(|e| broken(&e.to_string()))?;
+            .map_err(|e| unreadable(&e.to_string()))?;
         match &event {
             Event::Eof => break,
             Event::Start(start) | Event::Empty(start) => {
                 let is_empty = matches!(event, Event::Empty(_));
                 depth += usize::from(!is_empty);
                 if depth > MAX_DEPTH {
-                    return Err(broken("it is nested too deeply"));
+                    return Err(unreadable("it is nested too deeply"));
                 }
                 match start.local_name().as_ref() {
                     "table" if !is_empty => {
@@ -67,7 +67,7 @@ pub(super) fn sheets(archive: &mut Archive, wanted: Option<&str>) -> Result<Shee
                     "table-row" => {
                         let visibility = attribute(start, "table:visibility");
                         row = Row {
-                            repeats: repeats(start, "table:number-rows-repeated"),
+                            repeats: repeat_count(start, "table:number-rows-repeated"),
                             is_hidden: visibility.is_some_and(|own| own != "visible"),
                             ..Row::default()
                         };
@@ -182,14 +182,14 @@ impl Cell {
             _ => None,
         };
         Self {
-            repeats: repeats(start, "table:number-columns-repeated"),
+            repeats: repeat_count(start, "table:number-columns-repeated"),
             value,
             text: String::new(),
         }
     }
 }
 
-fn repeats(start: &BytesStart, name: &str) -> usize {
+fn repeat_count(start: &BytesStart, name: &str) -> usize {
     let stated = attribute(start, name).and_then(|text| text.parse().ok());
     stated.unwrap_or(1).min(4 * 1024 * 1024)
 }
@@ -203,5 +203,5 @@ fn character(reference: &quick_xml::events::BytesRef) -> Result<char, Invalid> {
         "apos" => Some('\''),
         _ => reference.resolve_char_ref().ok().flatten(),
     };
-    known.ok_or_else(|| broken("it has an unknown entity"))
+    known.ok_or_else(|| unreadable("it has an unknown entity"))
 }

@@ -1,7 +1,7 @@
 //! Reads the sheets of an xlsx workbook cell by cell. A dense table would not fit into memory if a sheet has cells far apart.
 
 use super::hidden_rows;
-use super::refusal::{Archive, broken};
+use super::refusal::{Archive, unreadable};
 use super::sheet::{Sheet, SheetText, Sheets};
 use crate::wire::Invalid;
 use calamine::{DataRef, ExcelDateTime, Reader, SheetVisible, Xlsx};
@@ -16,7 +16,7 @@ pub(super) fn sheets(
     archive: &mut Archive,
     wanted: Option<&str>,
 ) -> Result<Sheets, Invalid> {
-    let unreadable = |error: calamine::XlsxError| broken(&error.to_string());
+    let unreadable = |error: calamine::XlsxError| unreadable(&error.to_string());
     let mut workbook: Xlsx<_> = Xlsx::new(Cursor::new(bytes)).map_err(unreadable)?;
     let names = workbook.sheet_names();
     let sheets = workbook.sheets_metadata().iter();
