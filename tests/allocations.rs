@@ -1,4 +1,4 @@
-//! Iterations of the swarm and steps of least squares allocate no memory.
+//! Iterations of the swarm and steps of least squares allocate no memory, and a cell that repeats in a workbook is stored once.
 
 #[path = "support/mod.rs"]
 mod support;
@@ -12,7 +12,10 @@ use kincal::identification::model::parameters::{complete_parameters, paper_param
 use kincal::identification::model::search_space::SearchSpace;
 use kincal::identification::search::fit::fit_in_space;
 use kincal::identification::search::swarm::run_swarm;
+use kincal::measurement::columns::mapping::Mapping;
 use kincal::solvers::{least_squares, pso};
+use kincal::wire::workbook::{Workbook, read};
+use std::io::{Cursor, Write};
 use std::ops::ControlFlow;
 
 fn observations(set: &str) -> Vec<Observation> {
@@ -96,4 +99,31 @@ fn an_undamped_least_squares_step_allocates_nothing() {
         };
         assert_eq!(allocations(2), allocations(1));
     }
+}
+
+/// An ods workbook of some kilobytes: one cell of this many letters, which is repeated 20 times.
+fn repeated_cell(n_letters: usize) -> Vec<u8> {
+    let mut archive = zip::ZipWriter::new(Cursor::new(Vec::new()));
+    let options = zip::write::SimpleFileOptions::default();
+    archive.start_file("content.xml", options).unwrap();
+    let text = "a".repeat(n_letters);
+    write!(
+        archive,
+        "<x><table:table table:name=\"a\"><table:table-row><table:table-cell table:number-columns-repeated=\"20\"><text:p>{text}</text:p>\
+         </table:table-cell></table:table-row></table:table></x>"
+    )
+    .unwrap();
+    archive.finish().unwrap().into_inner()
+}
+
+#[test]
+fn a_long_cell_that_repeats_is_refused_before_it_fills_the_memory() {
+    const MIB: u64 = 1 << 20;
+    let workbook = repeated_cell(33 << 20);
+    assert!((workbook.len() as u64) < MIB);
+    let used = measure(|| {
+        let error = read(Workbook::Ods, &workbook, &Mapping::default()).unwrap_err();
+        assert_eq!(error.issues[0].code, "too_large");
+    });
+    assert!(used.bytes_max < 400 * MIB, "{} MiB", used.bytes_max / MIB);
 }

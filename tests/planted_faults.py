@@ -83,7 +83,7 @@ FAULTS = [
     Fault("any stated noise is right", "core", "a_stated_noise_far_above", [
         ("let is_overstated = self.ratio * MIN_TIMES_SCATTER * MIN_TIMES_SCATTER < redundant as f64;", "let is_overstated = self.ratio * MIN_TIMES_SCATTER * MIN_TIMES_SCATTER < 0.0 * redundant as f64;")], "core/src/calibration"),
     Fault("an instrument that is off is released", "service", "a_reference_states_the_scale", [
-        ("let passes = reference.at_reach_std_mm <= MAX_SCALE * found_mm;", "let passes = reference.at_reach_std_mm >= 0.0 * found_mm;")], "src/release"),
+        ("let passes = reference.at_reach_std_mm <= MAX_SCALE_PER_ERROR * found_mm;", "let passes = reference.at_reach_std_mm >= 0.0 * found_mm;")], "src/release"),
     Fault("a work frame of any station", "service", "a_work_frame_is_measured_from_the_station", [
         ("if stated == Some(*of_parameters) || stated.is_none() && all.len() == 1 {", "if stated == Some(*of_parameters) || true {")], "src/wire"),
     Fault("withdrawn sets are exported", "service", "a_withdrawn_set_does_not_return_with_other_options", [
@@ -92,7 +92,7 @@ FAULTS = [
         ("!self.keep_out_mm.iter().any(|b| meets(&from, p, b))", "!self.keep_out_mm.iter().any(|b| meets(p, p, b))")], "core/src/planning"),
     # What a partial recalibration holds
     Fault("the upload of a held set is another session", "service", "the_upload_of_a_held_set_is_no_other_session", [
-        ("points_of(input.sets.iter().chain(&input.sources), request)?", "points_of(&input.sets, request)?")], "src/jobs"),
+        ("parse_uploads(input.sets.iter().chain(&input.sources), request)?", "parse_uploads(&input.sets, request)?")], "src/jobs"),
     Fault("who uploaded what is held is a second person", "service", "who_uploaded_what_a_set_holds_is_no_second_person", [
         ("if upload.is_held {", "if upload.is_held && false {")], "src/jobs"),
     Fault("what is held was not insisted on", "service", "the_schema_itself_looks_at_the_uploads_that_a_set_rests_on", [
@@ -161,7 +161,7 @@ FAULTS = [
     Fault("all sessions are as noisy", "core", "a_coarse_session_does_not_spoil_a_fine_one", [
         ("session_noise_mm: pool.noise_mm.clone(),", "session_noise_mm: vec![],")], "core/src/calibration"),
     Fault("a session that was fitted is an independent one", "service", "no_session_that_was_fitted_counts_as_an_independent_one", [
-        ("points_of(input.sets.iter().chain(&input.sources), request)?", "points_of(input.sets.iter().take(1).chain(&input.sources), request)?")], "src/jobs"),
+        ("parse_uploads(input.sets.iter().chain(&input.sources), request)?", "parse_uploads(input.sets.iter().take(1).chain(&input.sources), request)?")], "src/jobs"),
     Fault("a further session is no later session", "service", "an_earlier_set_has_to_be_scored_on_each_session", [
         ("from own join verification v on v.robot_id = own.robot_id join job_upload u on u.job_id = v.job_id",
          "from own join verification v on v.robot_id = own.robot_id join (select id as job_id, measurement_set_id from job) u on u.job_id = v.job_id")],
@@ -177,7 +177,7 @@ FAULTS = [
     Fault("a withdrawn set comes back by the sessions that it passed", "service", "with_other_options", [
         ("&& counts(session)", "")], "src/release"),
     Fault("old sessions verify what is uploaded late", "service", "an_old_file_that_is_uploaded_late", [
-        ("newer.filter(|since| ages.own > *since).max().unwrap_or(0)", "newer.filter(|_| false).max().unwrap_or(0)")], "src/release"),
+        ("changes.filter(|seq| self.own > *seq).max().unwrap_or(0)", "changes.filter(|_| false).max().unwrap_or(0)")], "src/release"),
     Fault("a reference is not in the budget", "service", "states_the_scale_of_the_instrument", [
         ("mean_mm: libm::hypot(tool.mean_mm, self.std_mm), max_mm: libm::hypot(tool.max_mm, self.std_mm)", "mean_mm: tool.mean_mm, max_mm: tool.max_mm")], "core/src/calibration"),
     Fault("an instrument that is off is right", "service", "states_the_scale_of_the_instrument", [
@@ -216,7 +216,7 @@ FAULTS = [
     Fault("the active set has seen the points", "service", "calibrates_and_fetches_what_was_released", [
         ("own.any(|upload| repeats(", "own.any(|upload| false && repeats(")], "src/jobs"),
     Fault("the delivered fit is far from the verified", "service", "each_dangerous_upload_carries", [
-        ("moved_mm <= MAX_MOVED * verified_mm + SAME_MM", "moved_mm >= 0.0")], "src/release"),
+        ("moved_mm <= MAX_MOVED_PER_ERROR * verified_mm + SAME_MM", "moved_mm >= 0.0")], "src/release"),
     Fault("no UNIQUE on the released set", "service", "the_schema_itself_refuses_a_second", [
         ("create unique index parameter_set_one_released", "create index parameter_set_one_released")], "migrations/sqlite"),
     Fault("a release in spite of a failed gate", "service", "in_spite_of_a_failed_gate", [
@@ -224,7 +224,7 @@ FAULTS = [
     Fault("a change that a check found is explained by scoring it again", "service", "a_check_says_whether_the_released_set_holds", [
         ("where c.kind = 'check' and w.robot_id = $1", "where c.kind = 'none' and w.robot_id = $1")], "src/store"),
     Fault("old points say that a set holds", "service", "a_check_says_whether_the_released_set_holds", [
-        ("is_measured_anew: another && !since.is_repeat,", "is_measured_anew: true,")], "src/jobs"),
+        ("is_measured_anew: another && !age.is_repeat,", "is_measured_anew: true,")], "src/jobs"),
     Fault("labels are configurations", "core", "fewer_than_five_configurations_are_refused", [
         ("let other = *number_at.entry(first).or_insert(number);", "let other = *number_at.entry(row).or_insert(number);")], "core/src/measurement"),
     Fault("a zero that is not seen holds", "core", "a_zero_that_these_poses_alone_do_not_show", [
@@ -239,7 +239,7 @@ FAULTS = [
     Fault("a set that is far off is released", "service", "keeps_what_speaks_against", [
         ("v.fit = 'set_far_off' and v.seq > r.checked_seq", "v.fit = 'set_far_off' and v.seq > r.checked_seq + 1000")], "migrations/sqlite/0022_age_and_references.sql"),
     Fault("old points count as measured since", "service", "keeps_what_speaks_against", [
-        ("is_repeat: found.is_repeat || found.check_seq != check_seq", "is_repeat: found.is_repeat || found.check_seq != found.check_seq")], "src/release"),
+        ("is_repeat: found.is_repeat || found.misfit_seq != misfit_seq", "is_repeat: found.is_repeat || found.misfit_seq != found.misfit_seq")], "src/release"),
     Fault("facts are not in the chain", "service", "each_fault_is_told", [
         ("tx.audit(AuditEvent::VerificationKept, job_id, row.audit_entry());", "")], "src/store"),
     Fault("a withdrawn set comes back", "service", "keeps_the_life", [

@@ -2,7 +2,7 @@
 
 use super::remedy::in_commands;
 use super::runtime::block_on;
-use super::subject::{OfJob, OfRobot, ParameterSetArgument, SetOfRobot, item};
+use super::subject::{JobArgument, ParameterSetArgument, RobotArgument, SetOfRobot, item};
 use super::terminal::{self, Output, plain};
 use reqwest::Method;
 use serde_json::{Value, json};
@@ -42,7 +42,7 @@ pub struct ReleaseArguments {
 #[derive(Debug, clap::Args)]
 pub struct RobotDecisionArguments {
     #[command(flatten)]
-    robot: OfRobot,
+    robot: RobotArgument,
     /// Reason; it is kept with the decision.
     #[arg(long, value_name = "TEXT")]
     reason: String,
@@ -128,7 +128,7 @@ pub fn roll_back(arguments: &RobotDecisionArguments) -> anyhow::Result<()> {
 }
 
 /// `kincal cancel`.
-pub fn cancel(of: &OfJob) -> anyhow::Result<()> {
+pub fn cancel(of: &JobArgument) -> anyhow::Result<()> {
     let job = of.post("/cancel", &json!({}))?;
     of.output.print(&job, || match job["status"].as_str() {
         Some("running") => format!("{} is asked to stop", of.id),

@@ -23,11 +23,11 @@ pub struct Arguments {
 /// Copies the database and checks the copy.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     block_on(async {
-        let store = Store::open_as_it_is(StoreLocation::from(&arguments.database)).await?;
+        let store = Store::open_unmigrated(StoreLocation::from(&arguments.database)).await?;
         let written = backup::write(&store, &arguments.to).await;
         store.close().await;
         written?;
-        let copy = Store::open_as_it_is(StoreLocation::Sqlite {
+        let copy = Store::open_unmigrated(StoreLocation::Sqlite {
             data_dir: arguments.to.clone(),
         })
         .await?;

@@ -1,10 +1,10 @@
 //! `kincal calibrate`: identifies a robot offline, without server and database.
 
-use super::files::{cannot_be_used, fault, faults, parse_json, read};
+use super::files::{cannot_be_used, issue_in_words, issues_in_words, parse_json, read};
 
-use super::measured::{TableOptions, in_words as understood_in_words, read_measured};
+use super::measured::{TableOptions, in_words as understood_in_words, read_measurement_files};
 use super::options::{IdentifyOptions, SessionOptions, SetOptions};
-use super::robots::Mounted;
+use super::robots::MountingArgument;
 use super::robots_library::ready_arm;
 use super::table;
 use super::terminal::{Output, plain};
@@ -19,7 +19,7 @@ use crate::jobs::JobFailure;
 use crate::jobs::execution;
 use crate::kinematics::Robot;
 use crate::operations::rotation_convention::with_best_convention;
-use crate::release::{accept_misfit, accept_rotations, headline, provenance, refused_as};
+use crate::release::{accept_misfit, accept_rotations, headline, insisted_code, provenance};
 use crate::report_page::words;
 use crate::report_page::{self, MeasuredSet, Sources};
 use crate::wire::export::ExportDocument;
@@ -71,7 +71,7 @@ pub struct Arguments {
         value_name = "MOUNTING",
         allow_hyphen_values = true
     )]
-    mounting: Option<Mounted>,
+    mounting: Option<MountingArgument>,
     #[command(flatten)]
     output: Output,
     /// Also write the report as a printable HTML page into this file.
@@ -89,7 +89,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         return Err(Usage(text.into()).into());
     }
     let mut robot_body = read_robot_body(&arguments.robot)?;
-    if let Some(Mounted(mounting)) = arguments.mounting {
+    if let Some(MountingArgument(mounting)) = arguments.mounting {
         robot_body.mounting = Some(mounting);
     }
     let robot = Robot::try_from(&robot_body)
@@ -102,8 +102,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let all = || std::iter::once(&first).chain(&further);
     let insisted_on = all().find_map(|session| session.insisted_on);
     let record = arguments.set_options.record.record().checked();
-    let record = record.map_err(|invalid| Usage(faults(&invalid.issues)))?;
-    let record = SessionRecord::of_set(record, &first.set);
+    let record = record.map_err(|invalid| Usage(issues_in_words(&invalid.issues)))?;
+    let record = SessionRecord::for_set(record, &first.set);
     let parts = JobParts {
         robot,
         sets: all().map(|session| session.set.clone()).collect(),
@@ -116,8 +116,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mut request = body(arguments)
         .calibration_request(parts)
         .map_err(|invalid| {
-            let faults: Vec<String> = invalid.issues.iter().map(fault).collect();
-            Usage(faults.join("\n"))
+            let issues_in_words: Vec<String> = invalid.issues.iter().map(issue_in_words).collect();
+            Usage(issues_in_words.join("\n"))
         })?;
     request.refused_as = insisted_on.map(str::to_owned);
     request.unread_labels = all().find_map(|session| session.unread.clone());
@@ -204,7 +204,7 @@ impl Session {
 /// Reads and checks one file of points.
 fn read_session(path: &Path, robot: &Robot, arguments: &Arguments) -> anyhow::Result<Session> {
     let frame = arguments.set_options.frame;
-    let files = read_measured(path, &arguments.table)?;
+    let files = read_measurement_files(path, &arguments.table)?;
     let shown = arguments.table.shown(path);
     let upload = files.upload(frame, arguments.set_options.noise.instrument());
     let (set, reading) = measurement::from_file(&upload, robot.links.len()).map_err(|invalid| {
@@ -224,7 +224,8 @@ fn read_session(path: &Path, robot: &Robot, arguments: &Arguments) -> anyhow::Re
         .iter()
         .filter(|warning| warning.code != "under_determined")
     {
-        let warning = Warning::from(warning).naming(|row| set.points.get(row)?.name.as_deref());
+        let warning =
+            Warning::from(warning).with_point_names(|row| set.points.get(row)?.name.as_deref());
         eprintln!("{}", table::warning_in_words(&warning));
     }
     let unread = reading.as_ref().and_then(Reading::unread_labels);
@@ -241,9 +242,9 @@ fn read_session(path: &Path, robot: &Robot, arguments: &Arguments) -> anyhow::Re
         }
     };
     let mut insisted_on = None;
-    for kept in of_rotations.into_iter().chain(of_positions) {
-        eprintln!("{}", table::warning_in_words(&kept.warning));
-        insisted_on = insisted_on.or(kept.insisted_on);
+    for accepted in of_rotations.into_iter().chain(of_positions) {
+        eprintln!("{}", table::warning_in_words(&accepted.warning));
+        insisted_on = insisted_on.or(accepted.insisted_on);
     }
     Ok(Session {
         unread,
@@ -257,7 +258,7 @@ fn read_session(path: &Path, robot: &Robot, arguments: &Arguments) -> anyhow::Re
 pub fn refuse_unusable(report: &Report, job_id: Option<&str>) -> anyhow::Result<()> {
     let code = headline(report);
     let check = report.check.as_ref();
-    if let Some(check) = check.filter(|check| decides(check, code)) {
+    if let Some(check) = check.filter(|check| decides_next_step(check, code)) {
         let code = match check.verdict {
             CheckVerdict::Changed => CHECK_CHANGED,
             CheckVerdict::CannotTell => CHECK_CANNOT_TELL,
@@ -269,7 +270,7 @@ pub fn refuse_unusable(report: &Report, job_id: Option<&str>) -> anyhow::Result<
     let Some(code) = code else {
         return Ok(());
     };
-    let refused = refused_as(report).map(remedy_of_refusal);
+    let refused = insisted_code(report).map(remedy_of_refusal);
     let next = match code {
         "insisted_upload" | "session_does_not_fit" if refused.is_some() => {
             refused.unwrap_or_default()
@@ -296,7 +297,7 @@ pub fn refuse_unusable(report: &Report, job_id: Option<&str>) -> anyhow::Result<
 }
 
 /// Whether the check decides the next step. A file that does not fit the robot must be examined first, unless a few changes explain it.
-fn decides(check: &CheckReport, headline: Option<&str>) -> bool {
+fn decides_next_step(check: &CheckReport, headline: Option<&str>) -> bool {
     let is_explained = (1..=FEW_CAUSES).contains(&check.likeliest.len());
     match headline {
         None | Some(SET_FAR_OFF) => true,
@@ -378,7 +379,7 @@ pub fn progress_bar() -> ProgressBar {
 
 /// Updates the bar. No remaining time is predicted: only the main method has iterations, and it seldom reaches their limit.
 pub fn show(bar: &ProgressBar, progress: &ProgressAnswer) {
-    match iterates(progress) {
+    match has_iterations(progress) {
         true => bar.set_length(progress.n_iterations),
         // A bar without a length is drawn empty. A bar of length 0, or at its length, is drawn full.
         false => bar.unset_length(),
@@ -388,7 +389,7 @@ pub fn show(bar: &ProgressBar, progress: &ProgressAnswer) {
 }
 
 /// Whether the stage has iterations to show. Older servers do not send the stage; then the number of iterations decides.
-fn iterates(progress: &ProgressAnswer) -> bool {
+fn has_iterations(progress: &ProgressAnswer) -> bool {
     progress.stage.is_none_or(Stage::has_iterations) && progress.n_iterations > 0
 }
 
@@ -396,7 +397,7 @@ fn iterates(progress: &ProgressAnswer) -> bool {
 fn in_words(progress: &ProgressAnswer) -> String {
     let stage = words::stage(progress.stage);
     let cost = progress.best_cost_mm2;
-    match (iterates(progress), cost) {
+    match (has_iterations(progress), cost) {
         (false, _) => format!("{stage} …"),
         (true, cost) => {
             let cost = cost.map_or(String::new(), |cost| {

@@ -1,6 +1,6 @@
 //! HTTP client of the REST interface, with retries.
 
-use super::failure::Failed;
+use super::failure::RequestError;
 use super::runtime::block_on;
 use super::terminal::plain;
 use super::usage::Usage;
@@ -54,8 +54,8 @@ impl ServerArguments {
     }
 
     /// Warns if several robots have this name, because commands then need the id. A key that may not list robots gets no warning.
-    pub fn warn_of_same_name(&self, name: &str) {
-        let alike = block_on(async { self.client()?.robots_called(name, "").await });
+    pub fn warn_of_duplicate_name(&self, name: &str) {
+        let alike = block_on(async { self.client()?.robot_ids_named(name, "").await });
         let alike = alike.unwrap_or_default();
         if alike.len() > 1 {
             eprintln!(
@@ -164,8 +164,8 @@ impl Client {
                 .await
             {
                 Ok(bytes) => return Ok(bytes),
-                Err(failed @ Failed::Unreachable(_)) => return Err(failed.into()),
-                Err(failed) => match failed.again_after().filter(|_| attempt < MAX_TRIES) {
+                Err(failed @ RequestError::Unreachable(_)) => return Err(failed.into()),
+                Err(failed) => match failed.retry_after().filter(|_| attempt < MAX_TRIES) {
                     Some(after) => sleep(after).await,
                     None => return Err(failed.into()),
                 },
@@ -174,22 +174,22 @@ impl Client {
     }
 
     /// Sends one request and reads the whole answer.
-    async fn answer(&self, request: reqwest::RequestBuilder) -> Result<Vec<u8>, Failed> {
+    async fn answer(&self, request: reqwest::RequestBuilder) -> Result<Vec<u8>, RequestError> {
         let response = self
             .with_key(request)
             .timeout(REQUEST_TIMEOUT)
             .send()
             .await
-            .map_err(|error| Failed::sending(&self.url, &error))?;
+            .map_err(|error| RequestError::sending(&self.url, &error))?;
         let (status, headers) = (response.status(), response.headers().clone());
         let body = response
             .bytes()
             .await
-            .map_err(|error| Failed::reading(&self.url, &error))?;
+            .map_err(|error| RequestError::reading(&self.url, &error))?;
         if status.is_success() {
             Ok(body.to_vec())
         } else {
-            Err(Failed::answer(status.as_u16(), &headers, &body))
+            Err(RequestError::answer(status.as_u16(), &headers, &body))
         }
     }
 
@@ -201,9 +201,9 @@ impl Client {
         if named.starts_with("rob_") && is_plausible(named) {
             return Ok(named.into());
         }
-        let mut matching = self.robots_called(named, "").await?;
+        let mut matching = self.robot_ids_named(named, "").await?;
         if matching.is_empty() {
-            matching = self.robots_called(named, "&archived=true").await?;
+            matching = self.robot_ids_named(named, "&archived=true").await?;
         }
         match matching.as_slice() {
             [id] => Ok(id.clone()),
@@ -220,7 +220,7 @@ impl Client {
     }
 
     /// Ids of the robots with this name or serial number.
-    async fn robots_called(&self, named: &str, filter: &str) -> anyhow::Result<Vec<String>> {
+    async fn robot_ids_named(&self, named: &str, filter: &str) -> anyhow::Result<Vec<String>> {
         let mut matching = Vec::new();
         let mut cursor = String::new();
         for _ in 0..MAX_PAGES {
@@ -285,7 +285,7 @@ impl Client {
                 .body(body.clone());
             match self.answer(request).await {
                 Ok(bytes) => return Ok(bytes),
-                Err(failed) => match failed.again_after().filter(|_| attempt < MAX_TRIES) {
+                Err(failed) => match failed.retry_after().filter(|_| attempt < MAX_TRIES) {
                     Some(after) => sleep(after).await,
                     None => return Err(failed.into()),
                 },
@@ -318,7 +318,7 @@ impl Client {
                 Err(failed) => failed,
             };
             n_lost += 1;
-            let Some(after) = failed.again_after() else {
+            let Some(after) = failed.retry_after() else {
                 return Err(failed.into());
             };
             if n_lost > MAX_RECONNECTS {

@@ -2,9 +2,9 @@
 
 use super::column_options::ColumnOptions;
 use super::files;
-use super::measured::{TableOptions, read_measured, unread_in_words};
+use super::measured::{TableOptions, read_measurement_files, unread_in_words};
 use super::runtime::block_on;
-use super::subject::{OfRobot, named, with_query};
+use super::subject::{RobotArgument, named, with_query};
 use super::terminal::{Output, columns, items, plain};
 use super::usage::Usage;
 use crate::wire::issue::Issue;
@@ -24,7 +24,7 @@ pub struct Arguments {
 #[derive(Debug, clap::Subcommand)]
 enum ColumnsCommand {
     /// List the mappings that are kept with a robot.
-    List(OfRobot),
+    List(RobotArgument),
     /// Show a mapping.
     Show(ShowArguments),
     /// Keep a mapping under a name, for `kincal submit --kept NAME`.
@@ -37,7 +37,7 @@ enum ColumnsCommand {
 #[derive(Debug, clap::Args)]
 struct ShowArguments {
     #[command(flatten)]
-    robot: OfRobot,
+    robot: RobotArgument,
     /// The mapping's name.
     #[arg(value_name = "NAME")]
     name: String,
@@ -56,7 +56,7 @@ struct KeepArguments {
 #[derive(Debug, clap::Args)]
 struct PreviewArguments {
     #[command(flatten)]
-    robot: OfRobot,
+    robot: RobotArgument,
     /// The set's file, or the robot's file if there are two; `-` reads the standard input.
     #[arg(value_name = "SET.csv")]
     set: PathBuf,
@@ -83,7 +83,7 @@ fn print(output: &Output, found: &Value) -> anyhow::Result<()> {
     output.print(found, || plain(&text))
 }
 
-fn list(of: &OfRobot) -> anyhow::Result<()> {
+fn list(of: &RobotArgument) -> anyhow::Result<()> {
     let answer = of.get(&format!("/columns?limit={MAX_ROWS}"))?;
     let row = |item: &Value| {
         let text = |field: &str| plain(item[field].as_str().unwrap_or_default());
@@ -113,7 +113,7 @@ fn keep(arguments: &KeepArguments) -> anyhow::Result<()> {
 }
 
 fn preview(arguments: &PreviewArguments) -> anyhow::Result<()> {
-    let files = read_measured(&arguments.set, &arguments.table)?;
+    let files = read_measurement_files(&arguments.set, &arguments.table)?;
     let mut query = vec![];
     query.extend(files.decimal.map(|_| ("decimal", "comma".to_owned())));
     if !files.columns.0.is_empty() {
@@ -179,7 +179,7 @@ fn shown(answer: &Value) -> String {
     let errors: Vec<Issue> = serde_json::from_value(answer["errors"].clone()).unwrap_or_default();
     match errors.is_empty() {
         true => text += &format!("it can be read: {} points", answer["n_points"]),
-        false => text += &format!("it cannot be read yet:{}", files::faults(&errors)),
+        false => text += &format!("it cannot be read yet:{}", files::issues_in_words(&errors)),
     }
     text
 }

@@ -13,7 +13,7 @@ const RETRY_DELAY: Duration = Duration::from_secs(1);
 
 /// Why a request failed.
 #[derive(Debug)]
-pub enum Failed {
+pub enum RequestError {
     /// No connection could be made.
     Unreachable(anyhow::Error),
     /// The connection broke before the answer was complete.
@@ -24,7 +24,7 @@ pub enum Failed {
     Final(anyhow::Error),
 }
 
-impl Failed {
+impl RequestError {
     /// An error while a request was sent to `url`.
     pub fn sending(url: &str, error: &reqwest::Error) -> Self {
         let is_final = error.is_builder() || advice(&cause(error)).is_some();
@@ -47,18 +47,18 @@ impl Failed {
     /// An answer with an error status. A proxy answers 502 and 504 while the server behind it restarts.
     pub fn answer(status: u16, headers: &HeaderMap, body: &[u8]) -> Self {
         let error = match serde_json::from_slice::<Problem>(body) {
-            Ok(problem) => Refused { status, problem }.into(),
+            Ok(problem) => ServerProblem { status, problem }.into(),
             Err(_) => anyhow::anyhow!("the server answered {status}"),
         };
         if matches!(status, 429 | 502..=504) {
-            Self::Busy(wait(headers), error)
+            Self::Busy(retry_delay(headers), error)
         } else {
             Self::Final(error)
         }
     }
 
     /// The wait before a retry, if a retry makes sense.
-    pub fn again_after(&self) -> Option<Duration> {
+    pub fn retry_after(&self) -> Option<Duration> {
         match self {
             Self::Unreachable(_) | Self::Lost(_) => Some(RETRY_DELAY),
             Self::Busy(after, _) => Some(*after),
@@ -67,18 +67,18 @@ impl Failed {
     }
 }
 
-impl From<Failed> for anyhow::Error {
-    fn from(failed: Failed) -> Self {
+impl From<RequestError> for anyhow::Error {
+    fn from(failed: RequestError) -> Self {
         match failed {
-            Failed::Unreachable(error)
-            | Failed::Lost(error)
-            | Failed::Busy(_, error)
-            | Failed::Final(error) => error,
+            RequestError::Unreachable(error)
+            | RequestError::Lost(error)
+            | RequestError::Busy(_, error)
+            | RequestError::Final(error) => error,
         }
     }
 }
 
-fn wait(headers: &HeaderMap) -> Duration {
+fn retry_delay(headers: &HeaderMap) -> Duration {
     let retry_after = headers
         .get(RETRY_AFTER)
         .and_then(|value| value.to_str().ok()?.trim().parse().ok());
@@ -135,13 +135,13 @@ fn cause(error: &dyn std::error::Error) -> String {
 /// A problem document that the server sent.
 #[derive(Debug, thiserror::Error)]
 #[error("{}", self.in_words())]
-pub struct Refused {
+pub struct ServerProblem {
     status: u16,
     /// The server's problem document.
     pub problem: Problem,
 }
 
-impl Refused {
+impl ServerProblem {
     /// True if a file or an option has to be corrected. `kincal calibrate` has the same exit code for the same file.
     pub fn is_usage(&self) -> bool {
         matches!(self.status, 400 | 415 | 422)
@@ -155,8 +155,8 @@ impl Refused {
             errors,
             ..
         } = &self.problem;
-        let faults: Vec<String> = errors.iter().map(files::fault).collect();
-        let more = files::faults(errors);
+        let faults: Vec<String> = errors.iter().map(files::issue_in_words).collect();
+        let more = files::issues_in_words(errors);
         let is_repeated = errors
             .first()
             .is_some_and(|first| detail.starts_with(&first.in_words()));
@@ -179,7 +179,7 @@ impl Refused {
 
 #[cfg(test)]
 mod tests {
-    use super::{Failed, Refused};
+    use super::{RequestError, ServerProblem};
     use crate::wire::{Issue, Problem};
     use reqwest::header::{HeaderMap, HeaderValue, RETRY_AFTER};
     use std::time::Duration;
@@ -191,7 +191,7 @@ mod tests {
                 .map(|retry_after| (RETRY_AFTER, HeaderValue::from_static(retry_after)))
                 .into_iter()
                 .collect();
-            Failed::answer(status, &headers, b"{}").again_after()
+            RequestError::answer(status, &headers, b"{}").retry_after()
         };
         for status in [400, 401, 403, 404, 409, 422, 500, 507] {
             assert_eq!(after(status, Some("1")), None, "{status}");
@@ -220,7 +220,7 @@ mod tests {
         };
         let mut problem = Problem::new(422, "invalid_measurements", issue.in_words());
         problem.errors = vec![issue];
-        let words = Refused {
+        let words = ServerProblem {
             status: 422,
             problem,
         }

@@ -76,22 +76,26 @@ pub fn parse_json<T: DeserializeOwned>(path: &Path, bytes: &[u8], what: &str) ->
             path.display()
         )),
         json::Error::Shape(invalid) => {
-            let faults = cannot_be_used(path, &invalid.issues);
-            Usage(format!("{faults}\nit has to be {what}"))
+            let issues_in_words = cannot_be_used(path, &invalid.issues);
+            Usage(format!("{issues_in_words}\nit has to be {what}"))
         }
     })?)
 }
 
 /// The message about a file that cannot be used: one line per issue.
 pub fn cannot_be_used(path: &Path, issues: &[Issue]) -> String {
-    format!("{} cannot be used:{}", path.display(), faults(issues))
+    format!(
+        "{} cannot be used:{}",
+        path.display(),
+        issues_in_words(issues)
+    )
 }
 
 /// Maximum number of issues in a message; the first ones show what is wrong.
 const MAX_SHOWN: usize = 8;
 
 /// One line per issue. An issue that several columns share is stated once, with the names of the other columns.
-pub fn faults(issues: &[Issue]) -> String {
+pub fn issues_in_words(issues: &[Issue]) -> String {
     let mut text = String::new();
     let alike = |a: &Issue, b: &Issue| {
         a.row.is_none()
@@ -102,7 +106,7 @@ pub fn faults(issues: &[Issue]) -> String {
             && a.pointer == b.pointer
     };
     for group in issues.chunk_by(alike).take(MAX_SHOWN) {
-        text += &format!("\n  {}", fault(&group[0]));
+        text += &format!("\n  {}", issue_in_words(&group[0]));
         let others: Vec<&str> = group[1..]
             .iter()
             .filter_map(|issue| issue.column.as_deref())
@@ -118,7 +122,7 @@ pub fn faults(issues: &[Issue]) -> String {
 }
 
 /// Place and detail of an issue. The place is stated once, with the line of the file if it is known.
-pub fn fault(issue: &Issue) -> String {
+pub fn issue_in_words(issue: &Issue) -> String {
     let detail = in_commands(&issue.code, &issue.detail);
     let Some(row) = issue.row else {
         let says_it = issue
@@ -155,7 +159,7 @@ pub fn fault(issue: &Issue) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::{fault, faults};
+    use super::{issue_in_words, issues_in_words};
     use crate::wire::issue::Issue;
 
     #[test]
@@ -168,11 +172,11 @@ mod tests {
             ..Issue::default()
         };
         assert_eq!(
-            fault(&issue(Some(0), None, "row 0 has 20 cells")),
+            issue_in_words(&issue(Some(0), None, "row 0 has 20 cells")),
             "row 0 (line 2) has 20 cells"
         );
         assert_eq!(
-            fault(&issue(
+            issue_in_words(&issue(
                 Some(1),
                 Some("x_mm"),
                 "row 1, column x_mm: \"a\" is not a number"
@@ -180,14 +184,14 @@ mod tests {
             "row 1 (line 3), column x_mm: \"a\" is not a number"
         );
         assert_eq!(
-            fault(&Issue {
+            issue_in_words(&Issue {
                 line: None,
                 ..issue(Some(1), Some("x_mm"), "\"a\" is not a number")
             }),
             "row 1, column x_mm: \"a\" is not a number"
         );
         assert_eq!(
-            fault(&issue(None, Some("x"), "column x has no unit")),
+            issue_in_words(&issue(None, Some("x"), "column x has no unit")),
             "column x has no unit"
         );
     }
@@ -200,7 +204,7 @@ mod tests {
             detail: format!("column {column} has no unit"),
             ..Issue::default()
         };
-        let text = faults(&["J1", "J2", "J3"].map(issue));
+        let text = issues_in_words(&["J1", "J2", "J3"].map(issue));
         assert_eq!(text, "\n  column J1 has no unit\n  the same for J2, J3");
         let of_rows: Vec<Issue> = (0..20)
             .map(|row| Issue {
@@ -208,6 +212,6 @@ mod tests {
                 ..issue("J1")
             })
             .collect();
-        assert!(faults(&of_rows).ends_with("\n  and 12 more"));
+        assert!(issues_in_words(&of_rows).ends_with("\n  and 12 more"));
     }
 }

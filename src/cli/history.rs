@@ -1,6 +1,6 @@
 //! `kincal history|compare`: parameters over time, and the difference of two sets.
 
-use super::subject::{OfParameterSet, OfRobot, checked};
+use super::subject::{ParameterSetIdArgument, RobotArgument, checked};
 use super::terminal::cells;
 use crate::wire::history::{CompareAnswer, HistoryAnswer, SessionTest};
 use crate::wire::report_shape::ChangeReport;
@@ -14,14 +14,14 @@ const MAX_ROWS: usize = 100;
 #[derive(Debug, clap::Args)]
 pub struct CompareArguments {
     #[command(flatten)]
-    set: OfParameterSet,
+    set: ParameterSetIdArgument,
     /// The parameter set to compare it with.
     #[arg(value_name = "WITH")]
     with: String,
 }
 
 /// `kincal history`.
-pub fn history(of: &OfRobot) -> anyhow::Result<()> {
+pub fn history(of: &RobotArgument) -> anyhow::Result<()> {
     let answer = of.get(&format!("/history?limit={MAX_ROWS}"))?;
     let parsed: HistoryAnswer = serde_json::from_value(answer.clone())
         .context("the server's history is of another version of kincal")?;
@@ -51,7 +51,7 @@ pub fn history(of: &OfRobot) -> anyhow::Result<()> {
 const SIGNIFICANCE_LEVEL: f64 = 0.01;
 
 /// Text about the test of two sessions. Only a difference of the links is a change of the robot; the base changes with the instrument's position.
-fn tested(test: &SessionTest) -> String {
+fn session_test_in_words(test: &SessionTest) -> String {
     let probability = match test.probability {
         p if p < 1e-4 => "below 0.0001".to_owned(),
         p => format!("{p:.4}"),
@@ -103,7 +103,7 @@ pub fn compare(arguments: &CompareArguments) -> anyhow::Result<()> {
     of.output.print(&answer, || {
         let sessions = match &answer["sessions"] {
             Value::Null => "the sessions cannot be compared: both sets come from one upload, or one session is too small".to_owned(),
-            _ => parsed.sessions.as_ref().map_or(String::new(), tested),
+            _ => parsed.sessions.as_ref().map_or(String::new(), session_test_in_words),
         };
         format!(
             "the tool by {id} is {:.4} mm on average and at most {:.4} mm from the tool by {with}, over {} configurations\n{sessions}",

@@ -45,7 +45,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let imported = import_with(&bytes, format, arguments.digits, name, tip)
         .map_err(|invalid| Usage(cannot_be_used(&arguments.file, &invalid.issues)))?;
     if !arguments.output.json {
-        tell(&imported);
+        print_notes(&imported);
     }
     arguments.output.print(&imported, || {
         serde_json::to_string_pretty(&imported.robot).unwrap_or_default()
@@ -68,7 +68,7 @@ pub fn format_of(file: &Path, stated: Option<ImportFormat>) -> Result<ImportForm
 }
 
 /// Prints on standard error how the description was understood, and what the links cannot represent.
-pub fn tell(imported: &ImportAnswer) {
+pub fn print_notes(imported: &ImportAnswer) {
     if let (Some(root), Some(tip)) = (&imported.root, &imported.tip) {
         eprintln!("note: the arm is from {} to {}", plain(root), plain(tip));
     }

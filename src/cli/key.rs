@@ -72,25 +72,25 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     block_on(async {
         match &arguments.action {
             Action::Create { database, name, scopes, robots, output } => create(&open(database).await?, name, scopes, robots, output).await,
-            Action::List { database, output } => list(&open_as_it_is(database).await?, output).await,
+            Action::List { database, output } => list(&open_unmigrated(database).await?, output).await,
             Action::Revoke { id: None, name: None, .. } => {
                 Err(Usage("say which: the ID of a key, as `kincal key list` shows it, or --name NAME for every key of that name".into())
                     .into())
             }
             Action::Revoke { database, id, name, output } => {
-                revoke(&open_as_it_is(database).await?, id.as_deref(), name.as_deref(), output).await
+                revoke(&open_unmigrated(database).await?, id.as_deref(), name.as_deref(), output).await
             }
         }
     })
 }
 
 async fn open(database: &DatabaseConfig) -> anyhow::Result<Store> {
-    Ok(Store::open_beside_a_server(StoreLocation::from(database)).await?)
+    Ok(Store::open_for_command(StoreLocation::from(database)).await?)
 }
 
 /// Opens an existing database. With a wrong --data-dir it fails, and creates no database.
-async fn open_as_it_is(database: &DatabaseConfig) -> anyhow::Result<Store> {
-    Ok(Store::open_as_it_is(StoreLocation::from(database)).await?)
+async fn open_unmigrated(database: &DatabaseConfig) -> anyhow::Result<Store> {
+    Ok(Store::open_unmigrated(StoreLocation::from(database)).await?)
 }
 
 /// Parses the holder of a key.
@@ -135,7 +135,7 @@ async fn create(
     tx.commit().await?;
     let mut shown = key.text.clone();
     if output.json {
-        let mut made = described(&row)?;
+        let mut made = key_json(&row)?;
         made["key"] = key.text.into();
         shown = serde_json::to_string_pretty(&made)?;
     } else {
@@ -163,7 +163,7 @@ async fn all(store: &Store) -> anyhow::Result<Vec<ApiKeyRow>> {
     }
 }
 
-fn described(row: &ApiKeyRow) -> anyhow::Result<Value> {
+fn key_json(row: &ApiKeyRow) -> anyhow::Result<Value> {
     let robots: Option<Value> = row
         .robots_json
         .as_deref()
@@ -183,7 +183,7 @@ async fn list(store: &Store, output: &Output) -> anyhow::Result<()> {
     let rows = all(store).await?;
     let items = rows
         .iter()
-        .map(described)
+        .map(key_json)
         .collect::<anyhow::Result<Vec<Value>>>()?;
     let answer = json!({"items": items});
     let everywhere = |mut item: Value| {

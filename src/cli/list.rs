@@ -137,7 +137,7 @@ fn name_of(value: impl clap::ValueEnum) -> String {
 
 /// The items of a robot, or one of them.
 #[derive(Debug, clap::Args)]
-struct OfRobot {
+struct RobotItemArguments {
     #[command(flatten)]
     server: ServerArguments,
     /// The robot: its id, name or serial number.
@@ -155,14 +155,14 @@ struct OfRobot {
     options: ListOptions,
 }
 
-impl OfRobot {
+impl RobotItemArguments {
     fn list_or_show(
         &self,
         kind: &Listing,
         filters: &[(&'static str, &Option<String>)],
     ) -> anyhow::Result<()> {
-        let one = (self.robot.as_ref(), self.id.as_ref());
-        list_or_show(kind, &self.server, one, &self.options, filters)
+        let (robot, id) = (self.robot.as_ref(), self.id.as_ref());
+        list_or_show(kind, &self.server, robot, id, &self.options, filters)
     }
 }
 
@@ -190,7 +190,7 @@ pub struct RobotArguments {
 #[derive(Debug, clap::Args)]
 pub struct SetArguments {
     #[command(flatten)]
-    of: OfRobot,
+    of: RobotItemArguments,
     /// Print the uploaded file, byte for byte.
     #[arg(
         long, env = "KINCAL_POINTS", requires = "id", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue
@@ -236,7 +236,7 @@ pub struct JobArguments {
 #[derive(Debug, clap::Args)]
 pub struct NetworkArguments {
     #[command(flatten)]
-    of: OfRobot,
+    of: RobotItemArguments,
     /// Write its weights (safetensors) into this file.
     #[arg(long, env = "KINCAL_WEIGHTS", value_name = "FILE", requires = "id")]
     weights: Option<PathBuf>,
@@ -281,11 +281,11 @@ pub fn robots(arguments: &RobotArguments) -> anyhow::Result<()> {
         return needs(arguments);
     }
     let filters = [("search", &arguments.search)];
-    let one = (None, arguments.id.as_ref());
     list_or_show(
         &ROBOTS,
         &arguments.server,
-        one,
+        None,
+        arguments.id.as_ref(),
         &arguments.options,
         &filters,
     )
@@ -313,9 +313,16 @@ pub fn jobs(arguments: &JobArguments) -> anyhow::Result<()> {
         return terminal::json(&curve);
     }
     let filters = [("status", &arguments.status), ("kind", &arguments.kind)];
-    let one = (arguments.robot.as_ref(), arguments.id.as_ref());
-    let kind = arguments.robot.as_ref().map_or(&ALL_JOBS, |_| &JOBS);
-    list_or_show(kind, &arguments.server, one, &arguments.options, &filters)
+    let (robot, id) = (arguments.robot.as_ref(), arguments.id.as_ref());
+    let kind = robot.map_or(&ALL_JOBS, |_| &JOBS);
+    list_or_show(
+        kind,
+        &arguments.server,
+        robot,
+        id,
+        &arguments.options,
+        &filters,
+    )
 }
 
 /// `kincal networks`.
@@ -333,7 +340,7 @@ pub fn networks(arguments: &NetworkArguments) -> anyhow::Result<()> {
 #[derive(Debug, clap::Args)]
 pub struct ParameterSetArguments {
     #[command(flatten)]
-    of: OfRobot,
+    of: RobotItemArguments,
     /// Check the gates of a release of this set, without releasing it; exit code 1 if the release would be refused.
     #[arg(
         long, env = "KINCAL_GATES", requires = "id", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue
@@ -387,7 +394,8 @@ pub fn parameter_sets(arguments: &ParameterSetArguments) -> anyhow::Result<()> {
 fn list_or_show(
     kind: &Listing,
     server: &ServerArguments,
-    (robot, id): (Option<&String>, Option<&String>),
+    robot: Option<&String>,
+    id: Option<&String>,
     options: &ListOptions,
     filters: &[(&'static str, &Option<String>)],
 ) -> anyhow::Result<()> {
@@ -422,7 +430,7 @@ fn list_or_show(
             }
             _ => 0,
         };
-        let empty = nothing_listed(kind.empty, is_filtered, n_archived);
+        let empty = empty_list_in_words(kind.empty, is_filtered, n_archived);
         output.table(&page, kind.columns, &rows, &empty)?;
         if !page["next_cursor"].is_null() && !output.json {
             eprintln!(
@@ -446,7 +454,7 @@ async fn n_archived(
 }
 
 /// Message for a list without rows.
-fn nothing_listed(empty: &str, is_filtered: bool, n_archived: u64) -> String {
+fn empty_list_in_words(empty: &str, is_filtered: bool, n_archived: u64) -> String {
     match (is_filtered, n_archived) {
         (true, 0) => "no item matches these filters".into(),
         (false, 0) => empty.into(),

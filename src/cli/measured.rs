@@ -39,7 +39,7 @@ impl TableOptions {
 }
 
 /// The files of a set as they are uploaded.
-pub struct Measured {
+pub struct MeasurementFiles {
     /// Content type of the bytes.
     pub content_type: String,
     /// The file, or a multipart form with two files.
@@ -52,7 +52,7 @@ pub struct Measured {
     pub rotation: Option<RotationConvention>,
 }
 
-impl Measured {
+impl MeasurementFiles {
     /// The files as input of the upload reader.
     pub fn upload(
         &self,
@@ -72,7 +72,10 @@ impl Measured {
 }
 
 /// Reads the files of a set; `-` is the standard input.
-pub fn read_measured(set: &Path, options: &TableOptions) -> anyhow::Result<Measured> {
+pub fn read_measurement_files(
+    set: &Path,
+    options: &TableOptions,
+) -> anyhow::Result<MeasurementFiles> {
     let is_stdin = |path: &Path| path == Path::new("-");
     let bytes = if is_stdin(set) {
         read_stdin()?
@@ -92,7 +95,7 @@ pub fn read_measured(set: &Path, options: &TableOptions) -> anyhow::Result<Measu
             .unwrap_or(&bytes)
             .trim_ascii_start();
         let is_json = is_json(set) || is_stdin(set) && begins.first() == Some(&b'{');
-        return Ok(Measured {
+        return Ok(MeasurementFiles {
             content_type: if is_json {
                 "application/json"
             } else {
@@ -117,7 +120,7 @@ pub fn read_measured(set: &Path, options: &TableOptions) -> anyhow::Result<Measu
         ("robot", set, &bytes),
         ("instrument", instrument, &of_instrument),
     ]);
-    Ok(Measured {
+    Ok(MeasurementFiles {
         content_type,
         bytes: form,
         columns,
@@ -269,7 +272,10 @@ pub fn unread_in_words(table: &UnderstoodBody) -> Option<String> {
 fn join_in_words(join: &JoinBody) -> Vec<String> {
     let clock = match (join.clock_offset_s, join.tolerance_s) {
         (Some(offset), Some(tolerance)) => {
-            format!("; {}, pairs may be {tolerance:.3} s apart", clocks(offset))
+            format!(
+                "; {}, pairs may be {tolerance:.3} s apart",
+                clock_offset_in_words(offset)
+            )
         }
         _ => String::new(),
     };
@@ -325,7 +331,7 @@ fn join_in_words(join: &JoinBody) -> Vec<String> {
 /// epochs.
 const MAX_SAME_CALENDAR_S: f64 = 200_000.0;
 
-fn clocks(offset_s: f64) -> String {
+fn clock_offset_in_words(offset_s: f64) -> String {
     let size_s = offset_s.abs();
     match offset_s {
         _ if size_s > MAX_SAME_CALENDAR_S => format!(

@@ -135,7 +135,7 @@ enum Command {
     /// List a robot's references (a scale bar that the instrument measured), or store one.
     References(references::Arguments),
     /// Show which parameters moved between a robot's identifications.
-    History(subject::OfRobot),
+    History(subject::RobotArgument),
     /// Show the differences between two parameter sets.
     Compare(history::CompareArguments),
     /// Print a parameter set in a format of other software or of a controller.
@@ -155,7 +155,7 @@ enum Command {
     /// State why a robot is in order although a session did not fit it.
     Checked(actions::RobotDecisionArguments),
     /// Cancel a job.
-    Cancel(subject::OfJob),
+    Cancel(subject::JobArgument),
     /// Run the paper's calibrations through a real server with a temporary database, and compare with the paper's tables.
     Demo(demo::Arguments),
     /// Print the OpenAPI document.
@@ -229,8 +229,8 @@ pub fn main() -> ExitCode {
             eprintln!("kincal: {}", terminal::plain(&text));
             let is_usage = error.is::<usage::Usage>()
                 || error
-                    .downcast_ref::<failure::Refused>()
-                    .is_some_and(failure::Refused::is_usage);
+                    .downcast_ref::<failure::ServerProblem>()
+                    .is_some_and(failure::ServerProblem::is_usage);
             if is_usage {
                 ExitCode::from(2)
             } else {

@@ -2,7 +2,7 @@
 
 use super::files::read;
 use super::numbers::{exactly, three_angles, three_mm};
-use super::subject::{OfRobot, named};
+use super::subject::{RobotArgument, named};
 use super::terminal::{columns, shown_items};
 use super::usage::Usage;
 use crate::wire::decimals::fixed;
@@ -48,16 +48,16 @@ enum ToolCommand {
 #[derive(Debug, clap::Args)]
 struct ListArguments {
     #[command(flatten)]
-    robot: OfRobot,
+    robot: RobotArgument,
     /// Show only the one with this name.
     #[arg(value_name = "NAME")]
     name: Option<String>,
 }
 
 #[derive(Debug, clap::Args)]
-struct Named {
+struct NamedItemArguments {
     #[command(flatten)]
-    robot: OfRobot,
+    robot: RobotArgument,
     /// The name to keep it under.
     #[arg(value_name = "NAME")]
     name: String,
@@ -66,12 +66,12 @@ struct Named {
 #[derive(Debug, clap::Args)]
 struct SetTool {
     #[command(flatten)]
-    named: Named,
+    named: NamedItemArguments,
     /// Tool centre point in the flange frame: X,Y,Z in mm.
     #[arg(long, value_name = "X,Y,Z", value_parser = three_mm, allow_hyphen_values = true)]
     mm: [f64; 3],
     #[command(flatten)]
-    turned: Turned,
+    turned: OrientationArguments,
     /// Standard uncertainty of one coordinate, mm, of a tool that was measured with this robot [default: it is known relative to the flange, as from a drawing].
     #[arg(long, value_name = "MM")]
     std_mm: Option<f64>,
@@ -80,7 +80,7 @@ struct SetTool {
 /// Orientation of a tool in the flange frame [default: as the flange], in the convention of the controller that shows it.
 #[derive(Debug, clap::Args)]
 #[group(multiple = false)]
-struct Turned {
+struct OrientationArguments {
     /// Quaternion W,X,Y,Z (q1 to q4 of ABB) of the orientation in the flange frame [default: as the flange].
     #[arg(long, value_name = "W,X,Y,Z", value_parser = four, allow_hyphen_values = true)]
     quaternion: Option<[f64; 4]>,
@@ -95,7 +95,7 @@ struct Turned {
     rotation_vector_rad: Option<[f64; 3]>,
 }
 
-impl Turned {
+impl OrientationArguments {
     /// The quaternion as it was typed, or that of the angles.
     fn quaternion(&self) -> Option<[f64; 4]> {
         let angles = ShownOrientation {
@@ -113,7 +113,7 @@ impl Turned {
 #[derive(Debug, clap::Args)]
 struct SetWorkFrame {
     #[command(flatten)]
-    named: Named,
+    named: NamedItemArguments,
     /// Origin of the work frame: X,Y,Z in mm.
     #[arg(long, value_name = "X,Y,Z", value_parser = three_mm, allow_hyphen_values = true, conflicts_with = "points")]
     origin_mm: Option<[f64; 3]>,
@@ -191,16 +191,16 @@ fn show(list: &ListArguments, kind: &str) -> anyhow::Result<()> {
         .print(&answer, || shown_items(&answer, in_words))
 }
 
-fn keep(kept: &Named, kind: &str, body: &impl Serialize) -> anyhow::Result<()> {
+fn keep(kept: &NamedItemArguments, kind: &str, body: &impl Serialize) -> anyhow::Result<()> {
     let below = named(kind, &kept.name)?;
     let answer = kept.robot.send(reqwest::Method::PUT, &below, body)?;
     kept.robot.output.print(&answer, || {
-        in_words(std::slice::from_ref(&answer)) + &of_points(&answer)
+        in_words(std::slice::from_ref(&answer)) + &points_in_words(&answer)
     })
 }
 
 /// Text about the measured points: the residual of each, and the warnings.
-fn of_points(item: &Value) -> String {
+fn points_in_words(item: &Value) -> String {
     let residuals = item["residuals_mm"].as_array().into_iter().flatten();
     let residuals: Vec<String> = residuals
         .filter_map(Value::as_f64)

@@ -80,7 +80,7 @@ pub struct NoiseOptions {
 impl NoiseOptions {
     /// The instrument, if one is stated.
     pub fn instrument(&self) -> Option<InstrumentBody> {
-        InstrumentBody::of_parameters(
+        InstrumentBody::from_parameters(
             self.range_std_mm,
             self.range_std_mm_per_m,
             self.angle_std_deg,

@@ -2,7 +2,7 @@
 
 use super::calibrate::read_robot;
 use super::client::ServerArguments;
-use super::files::{NumberFormat, cannot_be_used, fault, parse_json, read};
+use super::files::{NumberFormat, cannot_be_used, issue_in_words, parse_json, read};
 use super::runtime::block_on;
 use super::terminal::{self, Output};
 use super::usage::Usage;
@@ -87,16 +87,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         .into());
     }
     let found = match (&arguments.robot, &arguments.robot_on_server) {
-        (Some(path), on_server) => {
-            if let Some(robot) = on_server {
+        (Some(path), plan_on_server) => {
+            if let Some(robot) = plan_on_server {
                 let file = path.display();
                 eprintln!(
                     "note: planned for {file} without a server; --robot (KINCAL_ROBOT) {robot} is not used"
                 );
             }
-            offline(arguments, path, &body)?
+            plan_offline(arguments, path, &body)?
         }
-        (None, Some(robot)) => block_on(on_server(arguments, robot, body))?,
+        (None, Some(robot)) => block_on(plan_on_server(arguments, robot, body))?,
         (None, None) => return Err(Usage("give ROBOT.json, or --robot".into()).into()),
     };
     if let Some(warning) = without_limits(&found) {
@@ -150,7 +150,7 @@ fn quoted(name: &str) -> String {
 }
 
 /// Plans without a server.
-fn offline(
+fn plan_offline(
     arguments: &Arguments,
     path: &Path,
     body: &PosePlanBody,
@@ -194,7 +194,7 @@ fn offline(
 }
 
 /// Lets the server plan for one of its robots.
-async fn on_server(
+async fn plan_on_server(
     arguments: &Arguments,
     robot: &str,
     mut body: PosePlanBody,
@@ -252,7 +252,7 @@ fn issue_text(arguments: &Arguments, issue: &Issue) -> String {
         (_, Some("/n_configurations")) if arguments.n_configurations.is_some() => {
             format!("-n: {}", issue.detail)
         }
-        (Some(path), _) => format!("{}: {}", path.display(), fault(issue)),
+        (Some(path), _) => format!("{}: {}", path.display(), issue_in_words(issue)),
         (None, _) => issue.detail.clone(),
     }
 }

@@ -1,7 +1,7 @@
 //! `kincal policy`: shows or sets a robot's release policy.
 
 use super::runtime::block_on;
-use super::subject::OfRobot;
+use super::subject::RobotArgument;
 use crate::wire::policy::{DecisionRule, PolicyBody};
 use anyhow::Context;
 
@@ -15,7 +15,7 @@ pub struct Arguments {
 #[derive(Debug, clap::Subcommand)]
 enum PolicyCommand {
     /// Show a robot's release policy.
-    Show(OfRobot),
+    Show(RobotArgument),
     /// Set a robot's release policy; settings that are not given stay as they are.
     Set(SetArguments),
 }
@@ -24,7 +24,7 @@ enum PolicyCommand {
 #[derive(Debug, clap::Args)]
 struct SetArguments {
     #[command(flatten)]
-    robot: OfRobot,
+    robot: RobotArgument,
     /// Largest uncertainty and largest error on verify points, mm; `none` for no tolerance.
     #[arg(long, value_name = "MM", value_parser = tolerance)]
     tolerance_mm: Option<Tolerance>,

@@ -1,6 +1,6 @@
 //! Messages about a program that is corrected: how it was read, and where its errors are.
 
-use super::failure::Refused;
+use super::failure::ServerProblem;
 use super::files::{self, cannot_be_used};
 use super::usage::Usage;
 use crate::measurement::RotationConvention;
@@ -58,7 +58,7 @@ pub fn with_file_rows(
     first: usize,
 ) -> anyhow::Error {
     let issues = match (
-        error.downcast_ref::<Refused>(),
+        error.downcast_ref::<ServerProblem>(),
         error.downcast_ref::<Invalid>(),
     ) {
         (Some(refused), _) if refused.is_usage() => &refused.problem.errors,
@@ -76,14 +76,14 @@ fn fault(issue: &Issue) -> String {
     let pointer = issue.pointer.as_deref().unwrap_or_default();
     let option = match pointer.split('/').nth(1) {
         None if issue.line.is_some() => return issue.detail.clone(),
-        None => return files::fault(issue),
+        None => return files::issue_in_words(issue),
         Some("frame") => "--frame",
         Some("tool_name") => "--tool",
         Some("mode") => "--mode",
         Some("base") => "--base",
         Some("target") => "--target",
         Some("tool") => "--tool-mm",
-        Some(_) => return files::fault(issue),
+        Some(_) => return files::issue_in_words(issue),
     };
     format!("{option}: {}", issue.detail)
 }

@@ -1,7 +1,7 @@
 //! `kincal references`: lengths with a certificate that the instrument measured.
 
 use super::files::{BYTE_ORDER_MARK, read};
-use super::subject::{OfRobot, checked};
+use super::subject::{RobotArgument, checked};
 use super::terminal::{columns, shown_items};
 use super::usage::Usage;
 use crate::measurement::Decimal;
@@ -29,7 +29,7 @@ enum Command {
 #[derive(Debug, clap::Args)]
 struct List {
     #[command(flatten)]
-    robot: OfRobot,
+    robot: RobotArgument,
     /// Show only the one with this id, in any version.
     #[arg(value_name = "ID")]
     id: Option<String>,
@@ -38,7 +38,7 @@ struct List {
 #[derive(Debug, clap::Args)]
 struct Add {
     #[command(flatten)]
-    robot: OfRobot,
+    robot: RobotArgument,
     /// CSV file with the columns name, nominal_mm, measured_mm, std_mm: one row for each length.
     #[arg(value_name = "LENGTHS")]
     lengths: PathBuf,

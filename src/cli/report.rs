@@ -1,7 +1,7 @@
 //! `kincal report`: the report of a job.
 
 use super::calibrate::refuse_unusable;
-use super::subject::OfJob;
+use super::subject::JobArgument;
 use super::table;
 use super::usage::Usage;
 use crate::wire::report_shape::Report;
@@ -12,7 +12,7 @@ use std::path::PathBuf;
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     #[command(flatten)]
-    job: OfJob,
+    job: JobArgument,
     /// Write the report as a printable HTML page into this file instead of printing it.
     #[arg(long, env = "KINCAL_HTML", value_name = "FILE")]
     html: Option<PathBuf>,

@@ -6,7 +6,7 @@ use super::list::{self, RobotArguments};
 use super::numbers;
 use super::robots_library::{self, LibraryCommand};
 use super::runtime::block_on;
-use super::subject::OfRobot;
+use super::subject::RobotArgument;
 use super::terminal;
 use super::usage::Usage;
 use crate::wire::robot::{GravityDirection, JointMapBody, MountingBody, NamedMounting};
@@ -33,13 +33,13 @@ enum RobotCommand {
     /// List robots.
     List(RobotArguments),
     /// Show a robot in full.
-    Show(OfRobot),
+    Show(RobotArgument),
     /// Edit a robot; fields that are not given stay as they are.
     Edit(Box<EditArguments>),
     /// Archive a robot: it leaves the lists and takes no uploads, jobs and releases.
-    Archive(OfRobot),
+    Archive(RobotArgument),
     /// Restore an archived robot.
-    Restore(OfRobot),
+    Restore(RobotArgument),
     #[command(flatten)]
     Library(LibraryCommand),
 }
@@ -58,7 +58,7 @@ enum Field {
 #[derive(Debug, clap::Args)]
 struct EditArguments {
     #[command(flatten)]
-    robot: OfRobot,
+    robot: RobotArgument,
     /// Its new name.
     #[arg(long, value_name = "TEXT")]
     name: Option<String>,
@@ -70,7 +70,7 @@ struct EditArguments {
     description: Option<String>,
     /// floor, wall, ceiling, or the direction of gravity in the base frame: X,Y,Z or X,Y,Z,STD_DEG.
     #[arg(long, value_name = "MOUNTING", allow_hyphen_values = true)]
-    mounting: Option<Mounted>,
+    mounting: Option<MountingArgument>,
     /// Limits of each joint in degrees: LOWER:UPPER,… with `none` for a joint without limits.
     #[arg(long, value_name = "LIMITS", allow_hyphen_values = true, value_parser = limits)]
     limits: Option<Limits>,
@@ -100,9 +100,9 @@ struct EditArguments {
 
 /// A mounting on the command line.
 #[derive(Clone, Copy, Debug)]
-pub struct Mounted(pub MountingBody);
+pub struct MountingArgument(pub MountingBody);
 
-impl FromStr for Mounted {
+impl FromStr for MountingArgument {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
@@ -161,8 +161,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         Some(RobotCommand::List(list)) => list::robots(list),
         Some(RobotCommand::Show(one)) => terminal::json(&one.get("")?),
         Some(RobotCommand::Edit(changes)) => edit(changes),
-        Some(RobotCommand::Archive(one)) => put(one, Action::Archive),
-        Some(RobotCommand::Restore(one)) => put(one, Action::Restore),
+        Some(RobotCommand::Archive(one)) => set_archived(one, Action::Archive),
+        Some(RobotCommand::Restore(one)) => set_archived(one, Action::Restore),
         Some(RobotCommand::Library(command)) => robots_library::run(command),
     }
 }
@@ -182,7 +182,7 @@ fn refuse_name_of_command(id: Option<&str>) -> anyhow::Result<()> {
     }
 }
 
-fn put(of: &OfRobot, action: Action) -> anyhow::Result<()> {
+fn set_archived(of: &RobotArgument, action: Action) -> anyhow::Result<()> {
     block_on(async {
         let (client, path) = of.at("").await?;
         archive::one(&client, &path, action, &of.output).await
@@ -200,7 +200,7 @@ fn edit(arguments: &EditArguments) -> anyhow::Result<()> {
     }
     let robot = arguments.robot.send(reqwest::Method::PATCH, "", &patch)?;
     if let Some(name) = &arguments.name {
-        arguments.robot.server.warn_of_same_name(name);
+        arguments.robot.server.warn_of_duplicate_name(name);
     }
     arguments.robot.output.print(&robot, || {
         format!(

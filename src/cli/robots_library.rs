@@ -2,7 +2,7 @@
 
 use super::client::{Client, ServerArguments};
 use super::files::{cannot_be_used, parse_json, read};
-use super::import::{format_of, tell};
+use super::import::{format_of, print_notes};
 use super::numbers::{self, three_angles, three_mm};
 use super::runtime::block_on;
 use super::terminal::{Output, columns, plain};
@@ -176,9 +176,9 @@ pub fn run(command: &LibraryCommand) -> anyhow::Result<()> {
 
 fn find(arguments: &FindArguments) -> anyhow::Result<()> {
     let text = arguments.text.join(" ");
-    let found = found(&text, arguments.maker.as_deref())?;
+    let found = matching_arms(&text, arguments.maker.as_deref())?;
     if let Some(file) = &arguments.robot_file {
-        let model = the_one(&found, &text)?;
+        let model = only_match(&found, &text)?;
         let body = serde_json::to_string_pretty(&model.robot)?;
         std::fs::write(file, body + "\n")
             .map_err(|e| Usage(format!("cannot write {}: {e}", file.display())))?;
@@ -190,7 +190,7 @@ fn find(arguments: &FindArguments) -> anyhow::Result<()> {
             "no ready arm has {text:?} in its name; `kincal robots find` lists all; another robot is added from its URDF or a table: kincal robots add FILE"
         ))
         .into()),
-        [model] => arguments.output.print(model, || in_full(model)),
+        [model] => arguments.output.print(model, || model_in_words(model)),
         several => {
             let row = |model: &&RobotModel| {
                 let joints = model.joints.len().to_string();
@@ -208,7 +208,7 @@ fn find(arguments: &FindArguments) -> anyhow::Result<()> {
 }
 
 /// The arm with exactly this id or name; otherwise all arms that match the words.
-fn found(text: &str, maker: Option<&str>) -> anyhow::Result<Vec<&'static RobotModel>> {
+fn matching_arms(text: &str, maker: Option<&str>) -> anyhow::Result<Vec<&'static RobotModel>> {
     let all = robot_models::find(text, maker).map_err(anyhow::Error::msg)?;
     let exact = |model: &&RobotModel| {
         [&model.id, &model.name, &model.robot.name].contains(&&text.to_owned())
@@ -228,10 +228,10 @@ pub fn ready_arm(text: &str) -> Option<RobotBody> {
 }
 
 /// The ready arm with this id or name. An arm whose name only contains the text is another type, with other links.
-fn arm_called(text: &str) -> anyhow::Result<&'static RobotModel> {
+fn arm_named(text: &str) -> anyhow::Result<&'static RobotModel> {
     let named = robot_models::called(text).map_err(anyhow::Error::msg)?;
     if !named.is_empty() {
-        return the_one(&named, text);
+        return only_match(&named, text);
     }
     let near = robot_models::find(text, None).map_err(anyhow::Error::msg)?;
     let ids: Vec<&str> = near
@@ -246,7 +246,7 @@ fn arm_called(text: &str) -> anyhow::Result<&'static RobotModel> {
     Err(Usage(format!("no ready arm is called {text:?}; {near}")).into())
 }
 
-fn the_one(found: &[&'static RobotModel], text: &str) -> anyhow::Result<&'static RobotModel> {
+fn only_match(found: &[&'static RobotModel], text: &str) -> anyhow::Result<&'static RobotModel> {
     match found {
         [model] => Ok(model),
         [] => Err(Usage(format!(
@@ -265,7 +265,7 @@ fn the_one(found: &[&'static RobotModel], text: &str) -> anyhow::Result<&'static
     }
 }
 
-fn in_full(model: &RobotModel) -> String {
+fn model_in_words(model: &RobotModel) -> String {
     let mut text = format!(
         "{}  ({})\n\nbase:    {}\nflange:  {}\njoints:  {}\n\n",
         model.robot.name,
@@ -335,8 +335,8 @@ fn links_table(links: &[LinkBody], joints: &[String]) -> String {
 
 fn add(arguments: &AddArguments) -> anyhow::Result<()> {
     let mut body = match (&arguments.arm, &arguments.file) {
-        (Some(text), _) => arm_called(text)?.robot.clone(),
-        (None, Some(file)) => described(arguments, file)?,
+        (Some(text), _) => arm_named(text)?.robot.clone(),
+        (None, Some(file)) => robot_from_file(arguments, file)?,
         (None, None) => unreachable!("clap requires one of them"),
     };
     if let Some(name) = &arguments.name {
@@ -349,7 +349,7 @@ fn add(arguments: &AddArguments) -> anyhow::Result<()> {
         body.mounting = Some(MountingBody::Named(mounting));
     }
     let robot = arguments.server.post("/v1/robots", &body)?;
-    arguments.server.warn_of_same_name(&body.name);
+    arguments.server.warn_of_duplicate_name(&body.name);
     let text = |field: &str| plain(robot[field].as_str().unwrap_or_default());
     arguments.output.print(&robot, || {
         format!(
@@ -362,7 +362,7 @@ fn add(arguments: &AddArguments) -> anyhow::Result<()> {
 }
 
 /// A robot from a file: a robot file, a URDF or a table.
-fn described(arguments: &AddArguments, file: &Path) -> anyhow::Result<RobotBody> {
+fn robot_from_file(arguments: &AddArguments, file: &Path) -> anyhow::Result<RobotBody> {
     let bytes = read(file)?;
     let is_json = file
         .extension()
@@ -378,7 +378,7 @@ fn described(arguments: &AddArguments, file: &Path) -> anyhow::Result<RobotBody>
     let tip = arguments.tip.as_deref();
     let imported = import_with(&bytes, format, arguments.digits, &stem, tip)
         .map_err(|invalid| Usage(cannot_be_used(file, &invalid.issues)))?;
-    tell(&imported);
+    print_notes(&imported);
     Ok(imported.robot)
 }
 
@@ -393,7 +393,7 @@ fn check_posture(arguments: &PostureArguments) -> anyhow::Result<()> {
         shown_orientation: arguments.shown_orientation.stated(),
     };
     let body = match (&arguments.arm, &arguments.robot_file) {
-        (Some(text), _) => Some(arm_called(text)?.robot.clone()),
+        (Some(text), _) => Some(arm_named(text)?.robot.clone()),
         (_, Some(file)) => Some(parse_json::<RobotBody>(file, &read(file)?, "a robot")?),
         _ => None,
     };

@@ -4,7 +4,7 @@ use super::runtime::block_on;
 use super::terminal::Output;
 use super::usage::Usage;
 use crate::config::{DatabaseConfig, STOP_WITHIN, ServeConfig, WorkerConfig, n_workers};
-use crate::http::server::{self, RunningServer, rules};
+use crate::http::server::{self, RunningServer, attempt_limits};
 use crate::jobs::{JobSignals, WorkerPool, backfill, execution};
 use crate::store::{ListRequest, Store, StoreLocation, api_keys};
 use crate::telemetry;
@@ -75,7 +75,7 @@ pub fn work(config: &WorkerConfig) -> anyhow::Result<()> {
             store.clone(),
             execution::compute,
             n_workers(config.workers),
-            rules(&queue),
+            attempt_limits(&queue),
             JobSignals::default(),
         );
         say!(

@@ -14,7 +14,7 @@ const MAX_NAMED: usize = 10;
 
 /// A robot of a server.
 #[derive(Debug, clap::Args)]
-pub struct OfRobot {
+pub struct RobotArgument {
     #[command(flatten)]
     pub server: ServerArguments,
     /// The robot: its id, name or serial number.
@@ -51,7 +51,7 @@ macro_rules! item_of_a_server {
 
 item_of_a_server! {
     /// A parameter set of a server.
-    OfParameterSet, "parameter-sets", "The parameter set, as `kincal params` lists it."
+    ParameterSetIdArgument, "parameter-sets", "The parameter set, as `kincal params` lists it."
 }
 
 /// A parameter set of a server, by its id or by its robot.
@@ -133,10 +133,10 @@ async fn parameter_set_id(
 }
 item_of_a_server! {
     /// A job of a server.
-    OfJob, "jobs", "The job, as `kincal jobs` lists it."
+    JobArgument, "jobs", "The job, as `kincal jobs` lists it."
 }
 
-impl OfJob {
+impl JobArgument {
     /// Sends JSON to a path below the job.
     pub fn post(&self, below: &str, body: &impl Serialize) -> anyhow::Result<Value> {
         self.server.post(&item("jobs", &self.id, below)?, body)
@@ -148,7 +148,7 @@ impl OfJob {
     }
 }
 
-impl OfRobot {
+impl RobotArgument {
     /// The client, and the robot's path or one below it.
     pub async fn at(&self, below: &str) -> anyhow::Result<(Client, String)> {
         let client = self.server.client()?;

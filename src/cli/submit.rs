@@ -2,9 +2,11 @@
 
 use super::calibrate::{progress_bar, refuse_unusable, show};
 use super::client::{Client, ServerArguments};
-use super::failure::Refused;
+use super::failure::ServerProblem;
 use super::files::cannot_be_used;
-use super::measured::{Measured, TableOptions, in_words as understood_in_words, read_measured};
+use super::measured::{
+    MeasurementFiles, TableOptions, in_words as understood_in_words, read_measurement_files,
+};
 use super::options::{IdentifyOptions, SessionOptions, SetOptions};
 use super::remedy::in_commands;
 use super::runtime::block_on;
@@ -204,7 +206,7 @@ enum Source<'a> {
     /// The id of a set that the server has.
     OnServer(&'a str),
     /// Files to upload, and the path of the first one.
-    Files(&'a Path, Measured),
+    Files(&'a Path, MeasurementFiles),
 }
 
 impl<'a> Source<'a> {
@@ -217,7 +219,7 @@ impl<'a> Source<'a> {
         let id = path.to_str().filter(is_id);
         match id.filter(|_| !path.exists()) {
             Some(id) => Ok(Self::OnServer(id)),
-            None => Ok(Self::Files(path, read_measured(path, table)?)),
+            None => Ok(Self::Files(path, read_measurement_files(path, table)?)),
         }
     }
 }
@@ -227,7 +229,7 @@ async fn upload(
     arguments: &Arguments,
     robot: &str,
     path: &Path,
-    files: Measured,
+    files: MeasurementFiles,
 ) -> anyhow::Result<Value> {
     let mut parameters = vec![("frame", arguments.set_options.frame.as_str().to_owned())];
     let insist = arguments.set_options.insist;
@@ -289,7 +291,7 @@ async fn upload(
 
 /// The server's refusal of the file, with its rows and lines.
 fn with_file_rows(error: anyhow::Error, path: &Path) -> anyhow::Error {
-    match error.downcast::<Refused>() {
+    match error.downcast::<ServerProblem>() {
         Ok(refused) if refused.is_usage() && !refused.problem.errors.is_empty() => {
             Usage(cannot_be_used(path, &refused.problem.errors)).into()
         }

@@ -12,7 +12,7 @@ macro_rules! say {
 
 /// Prints a line on standard output. If the output is closed, the command still does its work to the end.
 pub fn line(text: std::fmt::Arguments<'_>) {
-    unless_closed(writeln!(std::io::stdout().lock(), "{text}"));
+    ignore_closed_output(writeln!(std::io::stdout().lock(), "{text}"));
 }
 
 /// Format of a command's output.
@@ -61,10 +61,10 @@ pub fn json(answer: &impl Serialize) -> anyhow::Result<()> {
 
 /// Prints text or bytes unchanged on standard output.
 pub fn raw(text: impl AsRef<[u8]>) {
-    unless_closed(std::io::stdout().lock().write_all(text.as_ref()));
+    ignore_closed_output(std::io::stdout().lock().write_all(text.as_ref()));
 }
 
-fn unless_closed(written: std::io::Result<()>) {
+fn ignore_closed_output(written: std::io::Result<()>) {
     if let Err(error) = written.and_then(|()| std::io::stdout().lock().flush())
         && error.kind() != ErrorKind::BrokenPipe
     {

@@ -34,7 +34,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             )
         })?;
     block_on(async {
-        let store = Store::open_as_it_is(StoreLocation::from(&arguments.database)).await?;
+        let store = Store::open_unmigrated(StoreLocation::from(&arguments.database)).await?;
         let options = Options {
             known_head,
             is_served: store.is_served(),

@@ -13,11 +13,11 @@ use crate::wire::{id, json};
 
 /// The robot, if it exists and this key may see it.
 pub async fn robot(app: &App, caller: &Caller, id: &str) -> Result<RobotRow, Error> {
-    plausible(id, "robot")?;
-    visible(caller, id, "robot")?;
+    require_plausible_id(id, "robot")?;
+    require_visible(caller, id, "robot")?;
     robots::get(&app.store, id)
         .await
-        .map_err(|error| absent(error, "robot"))
+        .map_err(|error| not_found_as(error, "robot"))
 }
 
 /// As [`robot`], for a request that changes the robot: refuses an archived one.
@@ -68,10 +68,10 @@ macro_rules! rows_of_robots {
     ($($(#[$doc:meta])+ $name:ident: $table:ident $row:ident, $what:tt;)+) => {$(
         $(#[$doc])+
         pub async fn $name(app: &App, caller: &Caller, id: &str) -> Result<$row, Error> {
-            plausible(id, $what)?;
+            require_plausible_id(id, $what)?;
             let row = $table::get(&app.store, id).await;
-            let row = row.map_err(|error| absent(error, $what))?;
-            visible(caller, &row.robot_id, $what)?;
+            let row = row.map_err(|error| not_found_as(error, $what))?;
+            require_visible(caller, &row.robot_id, $what)?;
             Ok(row)
         }
     )+};
@@ -91,7 +91,7 @@ rows_of_robots! {
 }
 
 /// Refuses a text from a query or a body that cannot be an id. Does not query the database.
-fn plausible(id: &str, what: &'static str) -> Result<(), Error> {
+fn require_plausible_id(id: &str, what: &'static str) -> Result<(), Error> {
     if id::is_plausible(id) {
         Ok(())
     } else {
@@ -99,7 +99,7 @@ fn plausible(id: &str, what: &'static str) -> Result<(), Error> {
     }
 }
 
-fn visible(caller: &Caller, robot_id: &str, what: &'static str) -> Result<(), Error> {
+fn require_visible(caller: &Caller, robot_id: &str, what: &'static str) -> Result<(), Error> {
     if caller.may_see(robot_id) {
         Ok(())
     } else {
@@ -107,7 +107,7 @@ fn visible(caller: &Caller, robot_id: &str, what: &'static str) -> Result<(), Er
     }
 }
 
-fn absent(error: store::Error, what: &'static str) -> Error {
+fn not_found_as(error: store::Error, what: &'static str) -> Error {
     match error {
         store::Error::NotFound => Error::NotFound(what),
         other => other.into(),

@@ -66,6 +66,6 @@ impl App {
         class: RequestClass,
         work: impl FnOnce() -> Result<T, Error> + Send + 'static,
     ) -> Result<T, Error> {
-        self.limits.compute(class).await?.run(work).await
+        self.limits.compute_permit(class).await?.run(work).await
     }
 }

@@ -22,7 +22,9 @@ enum Change {
 async fn apply(
     tx: &mut Tx,
     change: Change,
-    (kind, id, robot_id): (Archivable, &str, &str),
+    kind: Archivable,
+    id: &str,
+    robot_id: &str,
     by: &str,
 ) -> Result<Option<i64>, Error> {
     Ok(match change {
@@ -73,9 +75,8 @@ macro_rules! handlers {
                 $(if let Some(detail) = $reason(&row) {
                     return Err(Error::conflict("not_archivable", detail));
                 })?
-                let item = (Archivable::$kind, id.as_str(), row.$robot_id.as_str());
-                let by = &submission.caller.holder;
-                row.archived_at_ms = apply(tx, Change::$change, item, by).await?;
+                    let by = &submission.caller.holder;
+                row.archived_at_ms = apply(tx, Change::$change, Archivable::$kind, &id, &row.$robot_id, by).await?;
                 stored_json(200, None, &$answer::try_from(&row)?)
             };
             submission.create(effect).await

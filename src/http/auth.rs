@@ -8,7 +8,7 @@ use crate::store::{ApiKeyRow, api_keys, browser_sessions};
 use crate::wire::canonical;
 use crate::wire::key::Scope;
 use axum::extract::{MatchedPath, Request, State};
-use axum::http::{HeaderMap, HeaderValue, Method, header};
+use axum::http::{Extensions, HeaderMap, HeaderValue, Method, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use std::net::IpAddr;
@@ -61,6 +61,15 @@ impl Caller {
             session_sha256,
             class,
         })
+    }
+
+    /// The client of a request that [`authorize`] has let through.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] for a route without [`authorize`].
+    pub fn from_extensions(extensions: &Extensions) -> Result<Self, Error> {
+        let caller = extensions.get::<Self>().cloned();
+        caller.ok_or_else(|| Error::Internal("a route without authorisation".into()))
     }
 
     fn anonymous(class: RequestClass) -> Self {
@@ -119,7 +128,7 @@ pub async fn authorize(
     let admitted = match template {
         Some(template) => {
             let of_path = routes.iter().filter(|route| route.path == template);
-            admit(&app, of_path, &method, &headers, peer).await
+            authorized_caller(&app, of_path, &method, &headers, peer).await
         }
         // The router answers 404 to a path without a route.
         None => Ok(Caller::anonymous(RequestClass::Read)),
@@ -134,7 +143,7 @@ pub async fn authorize(
                 && session_cookie::token(&headers).is_some();
             let mut response = error.into_response();
             if forget {
-                let cookie = session_cookie::signing_out(&app, &headers);
+                let cookie = session_cookie::sign_out_cookie(&app, &headers);
                 let header = cookie.map(|value| (header::SET_COOKIE, value));
                 response.headers_mut().extend(header);
             }
@@ -157,22 +166,27 @@ enum Refusal {
     Method(String),
 }
 
-async fn admit(
+async fn authorized_caller(
     app: &App,
     of_path: impl Iterator<Item = &Route> + Clone,
     method: &Method,
     headers: &HeaderMap,
     peer: Option<Peer>,
 ) -> Result<Caller, Refusal> {
-    let route = of_path.clone().find(|route| route.takes(method));
+    let route = of_path.clone().find(|route| route.matches_method(method));
     let class = route.map_or(RequestClass::Read, |route| route.class);
-    if of_path.clone().any(|route| route.scope.is_none()) {
+    // A path may have a public route and one that needs a key. A method that the path does not take needs a key unless the path has a public route.
+    let is_public = match route {
+        Some(route) => route.scope.is_none(),
+        None => of_path.clone().any(|route| route.scope.is_none()),
+    };
+    if is_public {
         return Ok(Caller::anonymous(class));
     }
     let caller = if app.no_auth {
         Caller::anonymous(class)
     } else {
-        caller_of(app, class, method, headers, peer)
+        authenticate(app, class, method, headers, peer)
             .await
             .map_err(Refusal::Error)?
     };
@@ -215,7 +229,7 @@ pub fn bearer(headers: &HeaderMap) -> Result<Option<&str>, Error> {
         ))
 }
 
-async fn caller_of(
+async fn authenticate(
     app: &App,
     class: RequestClass,
     method: &Method,
@@ -229,7 +243,7 @@ async fn caller_of(
             None,
             UNKNOWN_KEY,
         )
-    } else if let Some(token) = session_cookie::token_of(method, headers)? {
+    } else if let Some(token) = session_cookie::checked_token(method, headers)? {
         let sha256 = canonical::sha256_hex(token.as_bytes());
         let row = browser_sessions::find(&app.store, &sha256).await?;
         (row, Some(sha256), SESSION_ENDED)

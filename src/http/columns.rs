@@ -85,7 +85,7 @@ fn check_name(name: &str) -> Result<(), Error> {
     let mut checker = Checker::default();
     checker.text("/name", name, MAX_NAME);
     if name.starts_with('{') || name.trim() != name {
-        checker.note(
+        checker.add(
             "/name",
             "invalid_name",
             "a name does not begin with { and has no space around it",

@@ -44,10 +44,10 @@ pub async fn compensate(
     let row = access::parameter_set(&app, &caller, &id).await?;
     let robot = access::robot_of_set(&app, &caller, &row).await?;
     let bytes = json_body(request, &app).await?;
-    let permit = app.limits.compute(caller.class).await?;
+    let permit = app.limits.compute_permit(caller.class).await?;
     let body = permit.run(move || Ok::<_, Error>(json::parse::<CompensateBody>(&bytes)?));
     let body = body.await?;
-    let stored = Stored::load(&app, &permit, (row, robot), &body).await?;
+    let stored = StoredInputs::load(&app, &permit, row, robot, &body).await?;
     let answer = permit.run(move || Ok::<_, Error>(stored.correct(&body)?));
     Ok(Json(answer.await?))
 }
@@ -134,7 +134,7 @@ pub async fn program(
     let rotation = query.rotation.as_deref();
     let rotation = rotation.map(rotation_convention).transpose()?;
     let bytes = whole_body(request, &app).await?;
-    let permit = app.limits.compute(caller.class).await?;
+    let permit = app.limits.compute_permit(caller.class).await?;
     let n_joints = robot.links.len();
     let parse =
         move || Ok::<_, Error>(Program::parse(&bytes, &columns, rotation)?.of_joints(n_joints));
@@ -149,7 +149,7 @@ pub async fn program(
     if program.poses() == Poses::None && is_own {
         body.frame = None;
     }
-    let stored = Stored::load(&app, &permit, (row, robot), &body).await?;
+    let stored = StoredInputs::load(&app, &permit, row, robot, &body).await?;
     let answer = permit.run(move || Ok::<_, Error>(corrected(&program, body, &stored)?));
     Ok(Json(answer.await?))
 }
@@ -157,7 +157,7 @@ pub async fn program(
 fn corrected(
     program: &Program,
     body: CompensateBody,
-    stored: &Stored,
+    stored: &StoredInputs,
 ) -> Result<CorrectedProgram, Invalid> {
     let mut answer: Option<CompensateAnswer> = None;
     for (first, part) in program.requests(&body) {
@@ -187,7 +187,7 @@ fn corrected(
 }
 
 /// Everything stored that a correction needs.
-struct Stored {
+struct StoredInputs {
     robot: RobotBody,
     content: ParameterSetContent,
     provenance: Provenance,
@@ -199,11 +199,12 @@ struct Stored {
     warnings: Vec<Warning>,
 }
 
-impl Stored {
+impl StoredInputs {
     async fn load(
         app: &App,
         permit: &ComputePermit,
-        (row, robot): (ParameterSetRow, RobotBody),
+        row: ParameterSetRow,
+        robot: RobotBody,
         body: &CompensateBody,
     ) -> Result<Self, Error> {
         let content = parameter_sets::content(&row)?;

@@ -29,7 +29,7 @@ struct Histogram {
 
 impl Metrics {
     /// Counts one answer. `route` is a template, so that the number of series is bounded.
-    pub fn answered(
+    pub fn record_answer(
         &self,
         method: &Method,
         route: &str,
@@ -59,7 +59,7 @@ impl Metrics {
     }
 
     /// Counts a connection that was refused, or whose request could not be read.
-    pub fn refused_connection(&self, code: &str) {
+    pub fn record_refused_connection(&self, code: &str) {
         let mut counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         *counts.errors.entry(code.to_owned()).or_default() += 1;
     }
@@ -92,11 +92,11 @@ impl Metrics {
             for (bound, at_most) in BOUNDS_S.iter().zip(histogram.at_most) {
                 let bound = bound.to_string();
                 let labels = [("route", route.as_str()), ("le", &bound)];
-                durations.part("_bucket", &labels, at_most as f64);
+                durations.sample_with_suffix("_bucket", &labels, at_most as f64);
             }
-            durations.part("_bucket", &[("route", route), ("le", "+Inf")], count);
-            durations.part("_sum", &[("route", route)], histogram.sum_s);
-            durations.part("_count", &[("route", route)], count);
+            durations.sample_with_suffix("_bucket", &[("route", route), ("le", "+Inf")], count);
+            durations.sample_with_suffix("_sum", &[("route", route)], histogram.sum_s);
+            durations.sample_with_suffix("_count", &[("route", route)], count);
         }
     }
 }
@@ -126,11 +126,11 @@ impl PrometheusText {
 
 impl Family<'_> {
     pub(super) fn sample(&mut self, labels: &[(&str, &str)], value: f64) {
-        self.part("", labels, value);
+        self.sample_with_suffix("", labels, value);
     }
 
     /// A sample whose name has a suffix.
-    pub(super) fn part(&mut self, suffix: &str, labels: &[(&str, &str)], value: f64) {
+    pub(super) fn sample_with_suffix(&mut self, suffix: &str, labels: &[(&str, &str)], value: f64) {
         let quoted = |(key, value): &(&str, &str)| {
             let value = value
                 .replace('\\', "\\\\")
@@ -158,7 +158,7 @@ mod tests {
     fn answers_are_counted_by_route_status_and_code() {
         let metrics = Metrics::default();
         for ms in [2, 30] {
-            metrics.answered(
+            metrics.record_answer(
                 &Method::GET,
                 "/a",
                 StatusCode::OK,
@@ -166,7 +166,7 @@ mod tests {
                 Duration::from_millis(ms),
             );
         }
-        metrics.answered(
+        metrics.record_answer(
             &Method::from_bytes(b"BREW").unwrap(),
             "-",
             StatusCode::NOT_FOUND,

@@ -18,8 +18,8 @@ use serde::de::DeserializeOwned;
 const MAX_KEY: usize = 200;
 const IDEMPOTENCY_REPLAYED: HeaderName = HeaderName::from_static("idempotency-replayed");
 
-/// A request that creates or changes something. If the same request was answered before, its handler does not run: the stored answer is sent again
-/// without any check.
+/// A request that creates or changes something. If the same request was answered before, its handler does not run. The stored answer is sent
+/// again without any check.
 pub struct Submission {
     /// The state of the server.
     pub app: App,
@@ -50,9 +50,7 @@ impl FromRequest<App> for Submission {
 
 impl Submission {
     async fn read(request: Request, app: &App) -> Result<Self, Error> {
-        let caller = request.extensions().get::<Caller>().cloned();
-        let caller =
-            caller.ok_or_else(|| Error::Internal("a route without authorisation".into()))?;
+        let caller = Caller::from_extensions(request.extensions())?;
         let key = idempotency_key(request.headers())?;
         let uri = request.uri().clone();
         let method = request.method().to_string();
@@ -102,13 +100,13 @@ fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Error> {
 /// compute permit: the memory for bodies admits only two bodies of this size at once.
 async fn fingerprint(uri: &Uri, content_type: &str, body: &Bytes) -> Result<String, Error> {
     let body = body.clone();
-    let of_body = tokio::task::spawn_blocking(move || canonical::sha256_hex(&body))
+    let example_of_body = tokio::task::spawn_blocking(move || canonical::sha256_hex(&body))
         .await
         .map_err(|error| Error::Internal(error.to_string()))?;
     let of_query = canonical::sha256_hex(uri.query().unwrap_or_default().as_bytes());
     let of_type = canonical::sha256_hex(content_type.as_bytes());
     Ok(canonical::sha256_hex(
-        [of_query, of_type, of_body].concat().as_bytes(),
+        [of_query, of_type, example_of_body].concat().as_bytes(),
     ))
 }
 
@@ -150,7 +148,7 @@ impl Submission {
             Some(scope) => self
                 .app
                 .store
-                .answered(scope)
+                .stored_answer(scope)
                 .await?
                 .map(respond)
                 .transpose(),

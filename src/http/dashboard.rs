@@ -1,6 +1,6 @@
 //! The dashboard: static files that use the public interface only. They are part of the binary, because factories are offline.
 
-use crate::http::headers::is_known;
+use crate::http::headers::matches_etag;
 use crate::http::{App, Error};
 use crate::wire::canonical;
 use axum::extract::{Path, State};
@@ -147,7 +147,7 @@ pub async fn asset(Path(file): Path<String>, headers: HeaderMap) -> Result<Respo
         (header::ETAG, ETAG.as_str()),
         (header::CACHE_CONTROL, "no-cache"),
     ];
-    if is_known(&headers, &ETAG) {
+    if matches_etag(&headers, &ETAG) {
         return Ok((StatusCode::NOT_MODIFIED, fresh).into_response());
     }
     Ok((

@@ -75,7 +75,7 @@ pub fn openapi() -> utoipa::openapi::OpenApi {
     bounds::write(&mut document);
     for route in ROUTES {
         if let Some(operation) = operation(&mut document, route) {
-            complete(route, operation);
+            add_common_parts(route, operation);
         }
     }
     let scheme = HttpBuilder::new()
@@ -125,10 +125,10 @@ fn operation<'d>(
 }
 
 /// Adds to an operation the problems, headers and scope that follow from its row in the table of routes.
-fn complete(route: &Route, operation: &mut Operation) {
+fn add_common_parts(route: &Route, operation: &mut Operation) {
     let summary = operation.summary.clone();
     operation.description = operation.description.take().or(summary);
-    for status in problems(route, operation.request_body.is_some()) {
+    for status in problem_statuses(route, operation.request_body.is_some()) {
         let problem = || RefOr::T(problem(route, status));
         let answers = &mut operation.responses.responses;
         answers.entry(status.to_string()).or_insert_with(problem);
@@ -138,7 +138,7 @@ fn complete(route: &Route, operation: &mut Operation) {
             .parameters
             .get_or_insert_default()
             .push(RefOr::T(idempotency_key()));
-        replayed(operation);
+        add_replayed_header(operation);
     }
     let scope = route.scope.map(Scope::as_str);
     let required = scope.map(|scope| SecurityRequirement::new::<_, _, &str>(KEY_SCHEME, [scope]));
@@ -146,7 +146,7 @@ fn complete(route: &Route, operation: &mut Operation) {
 }
 
 /// Statuses of the problems that a route answers.
-fn problems(route: &Route, takes_body: bool) -> Vec<u16> {
+fn problem_statuses(route: &Route, takes_body: bool) -> Vec<u16> {
     let mut statuses = vec![400, 500];
     statuses.extend(route.problems);
     if route.scope.is_some() {
@@ -230,7 +230,7 @@ fn idempotency_key() -> Parameter {
         .build()
 }
 
-fn replayed(operation: &mut Operation) {
+fn add_replayed_header(operation: &mut Operation) {
     for (status, response) in &mut operation.responses.responses {
         if let (true, RefOr::T(response)) = (status.starts_with('2'), response) {
             response.headers.insert(

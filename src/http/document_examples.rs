@@ -1,7 +1,7 @@
 //! Examples in the OpenAPI document: one for each body of each operation. They are generated from the schemas, so a new field needs no change here.
 //! The name of a field decides its value.
 
-use crate::http::request_examples::{of_operation, of_shape};
+use crate::http::request_examples::{example_of_operation, example_of_shape};
 use serde_json::{Map, Value, json};
 use utoipa::openapi::path::Operation;
 use utoipa::openapi::{Content, OpenApi, RefOr, Schema};
@@ -71,7 +71,7 @@ impl Examples {
         let complete = |media_type: &str, content: &mut RefOr<Content>, own: Option<Value>| {
             let RefOr::T(content) = content else { return };
             if content.example.is_none() {
-                let by_schema = || self.of_body(media_type, content.schema.as_ref());
+                let by_schema = || self.example_of_body(media_type, content.schema.as_ref());
                 content.example = own.or_else(by_schema);
             }
             // the order of keys must not depend on the features that serde_json was built with
@@ -82,7 +82,7 @@ impl Examples {
         let id = operation.operation_id.clone().unwrap_or_default();
         if let Some(RefOr::T(body)) = &mut operation.request_body {
             for (media_type, content) in &mut body.content {
-                complete(media_type, content, of_operation(&id, media_type));
+                complete(media_type, content, example_of_operation(&id, media_type));
             }
         }
         for (status, response) in &mut operation.responses.responses {
@@ -90,7 +90,7 @@ impl Examples {
                 for (media_type, content) in &mut response.content {
                     // every JSON answer has a schema, and its example follows from that
                     let own = (media_type != "application/json")
-                        .then(|| of_operation(&id, media_type))
+                        .then(|| example_of_operation(&id, media_type))
                         .flatten();
                     complete(media_type, content, own);
                 }
@@ -98,7 +98,7 @@ impl Examples {
         }
     }
 
-    fn of_body(&self, media_type: &str, schema: Option<&RefOr<Schema>>) -> Option<Value> {
+    fn example_of_body(&self, media_type: &str, schema: Option<&RefOr<Schema>>) -> Option<Value> {
         Some(match media_type {
             "application/json" => {
                 let schema = serde_json::to_value(schema?).ok()?;
@@ -121,7 +121,8 @@ impl Examples {
             .and_then(|path| path.rsplit('/').next())
         {
             let found = self.0.get(name).unwrap_or(&Value::Null);
-            return of_shape(name).unwrap_or_else(|| self.example(found, field, name, depth + 1));
+            return example_of_shape(name)
+                .unwrap_or_else(|| self.example(found, field, name, depth + 1));
         }
         for choice in ["oneOf", "anyOf"] {
             if let Some(variants) = schema[choice].as_array() {

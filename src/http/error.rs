@@ -138,7 +138,7 @@ pub enum Error {
     NotReady(store::Error),
     /// The database answers but does not accept writes.
     #[error("{0}")]
-    WritersStuck(store::stuck::Stuck),
+    WritersStuck(store::stuck::StuckWriters),
     /// A defect or an unexpected failure; the cause goes to the log only.
     #[error("{0}")]
     Internal(String),

@@ -81,10 +81,10 @@ pub async fn get(
     Query(query): Query<ExportQuery>,
 ) -> Result<Response, Error> {
     access::parameter_set(&app, &caller, &id).await?;
-    let permit = app.limits.compute(caller.class).await?;
-    let stored = stored(&app, &permit, &caller, &id).await?;
+    let permit = app.limits.compute_permit(caller.class).await?;
+    let rows = load_rows(&app, &permit, &caller, &id).await?;
     let ExportQuery { format, beta } = query;
-    let export = move || stored.with(|source| export::export(source, format, beta));
+    let export = move || rows.write_with(|source| export::export(source, format, beta));
     respond(&id, permit.run(export).await?)
 }
 
@@ -106,10 +106,10 @@ pub async fn patch_urdf(
         return Err(Error::invalid_query(detail));
     }
     let bytes = whole_body(request, &app).await?;
-    let permit = app.limits.compute(caller.class).await?;
-    let stored = stored(&app, &permit, &caller, &id).await?;
+    let permit = app.limits.compute_permit(caller.class).await?;
+    let rows = load_rows(&app, &permit, &caller, &id).await?;
     let patch =
-        move || stored.with(|source| export::patch_urdf(source, &bytes, query.tip.as_deref()));
+        move || rows.write_with(|source| export::patch_urdf(source, &bytes, query.tip.as_deref()));
     respond(&id, permit.run(patch).await?)
 }
 
@@ -149,7 +149,7 @@ struct ExportRows {
 }
 
 impl ExportRows {
-    fn with(
+    fn write_with(
         &self,
         write: impl Fn(&Source<'_>) -> Result<Exported, export::Error>,
     ) -> Result<Exported, Error> {
@@ -174,7 +174,7 @@ impl ExportRows {
     }
 }
 
-async fn stored(
+async fn load_rows(
     app: &App,
     permit: &ComputePermit,
     caller: &Caller,

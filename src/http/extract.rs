@@ -1,7 +1,7 @@
 //! Extractors whose errors are problem documents.
 
 use crate::http::auth::Caller;
-use crate::http::limits::{BodyBudget, LARGE_BODY_BYTES, Limits, MAX_BODY_BYTES, MIN_BYTES_PER_S};
+use crate::http::limits::{BodyBudget, LARGE_BODY_BYTES, MAX_BODY_BYTES, MIN_BYTES_PER_S};
 use crate::http::{App, Error};
 use crate::wire::{id, json};
 use axum::body::{Body, Bytes};
@@ -59,11 +59,7 @@ impl<S: Send + Sync> FromRequestParts<S> for Caller {
     type Rejection = Error;
 
     async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Error> {
-        parts
-            .extensions
-            .get::<Self>()
-            .cloned()
-            .ok_or_else(|| Error::Internal("a route without authorisation".into()))
+        Self::from_extensions(&parts.extensions)
     }
 }
 
@@ -103,7 +99,7 @@ pub fn media_type(headers: &HeaderMap) -> Option<String> {
 }
 
 /// The whole body of a request in JSON.
-pub async fn json_body<S: Send + Sync>(request: Request, state: &S) -> Result<Bytes, Error> {
+pub async fn json_body(request: Request, app: &App) -> Result<Bytes, Error> {
     let found = media_type(request.headers());
     if found.as_deref() != Some("application/json") {
         let found = found.unwrap_or_else(|| "without a Content-Type".into());
@@ -112,11 +108,11 @@ pub async fn json_body<S: Send + Sync>(request: Request, state: &S) -> Result<By
             expected: "application/json",
         });
     }
-    whole_body(request, state).await
+    whole_body(request, app).await
 }
 
 /// The whole body, within the limits of size, time and memory. Its permits are released when the bytes are dropped.
-pub async fn whole_body<S: Send + Sync>(request: Request, _: &S) -> Result<Bytes, Error> {
+pub async fn whole_body(request: Request, app: &App) -> Result<Bytes, Error> {
     let headers = request.headers();
     let declared = headers
         .get(header::CONTENT_LENGTH)
@@ -133,23 +129,13 @@ pub async fn whole_body<S: Send + Sync>(request: Request, _: &S) -> Result<Bytes
             expected: "bodies without Content-Encoding",
         });
     }
-    let extensions = request.extensions();
-    let (Some(limits), Some(caller)) = (extensions.get::<Limits>(), extensions.get::<Caller>())
-    else {
-        return Err(Error::Internal("a route without limits".into()));
-    };
-    let limits = limits.clone();
-    let mut budget = limits.body(caller.class, declared)?;
-    let bytes = arrive(
-        request.into_body(),
-        declared,
-        &mut budget,
-        limits.client_timeout(),
-    )
-    .await?;
+    let class = Caller::from_extensions(request.extensions())?.class;
+    let mut budget = app.limits.body_budget(class, declared)?;
+    let client_timeout = app.limits.client_timeout();
+    let bytes = read_body(request.into_body(), declared, &mut budget, client_timeout).await?;
     Ok(Bytes::from_owner(Received {
         bytes,
-        _permits: budget.arrived()?,
+        _permits: budget.take_class_permit()?,
     }))
 }
 
@@ -187,7 +173,7 @@ impl AsRef<[u8]> for Received {
 }
 
 /// Reads a body as it arrives. A client that sends too slowly is disconnected, because its body holds memory that others need.
-async fn arrive(
+async fn read_body(
     mut body: Body,
     declared: Option<usize>,
     budget: &mut BodyBudget,

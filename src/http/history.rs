@@ -5,7 +5,7 @@ use crate::http::list_query::PlainListQuery;
 use crate::http::{App, Error, access, parameter_sets as answers};
 use crate::jobs::JobInputs;
 use crate::jobs::estimate::stored_estimate;
-use crate::jobs::request::request_of;
+use crate::jobs::request::parse_request;
 use crate::operations::{self, IdentifiedSet};
 use crate::release::{self, ScoredJob};
 use crate::store::{ParameterSetRow, jobs, parameter_sets, policies, verifications};
@@ -39,7 +39,7 @@ pub async fn history(
 ) -> Result<Json<HistoryAnswer>, Error> {
     access::robot(&app, &caller, &id).await?;
     let page = parameter_sets::search(&app.store, &id, &query.request()?).await?;
-    let permit = app.limits.compute(caller.class).await?;
+    let permit = app.limits.compute_permit(caller.class).await?;
     let mut items = Vec::with_capacity(page.items.len());
     for row in page.items {
         let ReportSummary {
@@ -133,7 +133,7 @@ pub async fn compare(
         }
         Err(error) => return Err(error),
     };
-    let permit = app.limits.compute(caller.class).await?;
+    let permit = app.limits.compute_permit(caller.class).await?;
     let inputs = (
         JobInputs::load(&app.store, &row.job_id).await?,
         JobInputs::load(&app.store, &other.job_id).await?,
@@ -156,7 +156,7 @@ fn identified(
     estimate_json: Option<&str>,
 ) -> Result<IdentifiedSet, Error> {
     let unreadable = || Error::Internal("the inputs of a comparison cannot be read".into());
-    let request = request_of(inputs).map_err(|_| unreadable())?;
+    let request = parse_request(inputs).map_err(|_| unreadable())?;
     let estimate = stored_estimate(estimate_json, &inputs.robot, Some(request.model()));
     Ok(IdentifiedSet {
         id: row.id.clone(),

@@ -15,7 +15,7 @@ use std::net::{Ipv4Addr, Ipv6Addr};
 const SEC_FETCH_MODE: HeaderName = HeaderName::from_static("sec-fetch-mode");
 
 /// Content types that a page may send to any site without a preflight request (Fetch standard, CORS-safelisted request headers).
-const SENT_BY_FORMS: [&str; 3] = [
+const SAFELISTED_CONTENT_TYPES: [&str; 3] = [
     "text/plain",
     "application/x-www-form-urlencoded",
     "multipart/form-data",
@@ -94,20 +94,21 @@ fn loopback_only(request: &Request, host: Option<&Authority>) -> Result<(), Erro
     }
     let headers = request.headers();
     let mut origins = headers.get_all(header::ORIGIN).iter();
-    if let Some(origin) = origins.find(|origin| !is_own(origin, host)) {
+    if let Some(origin) = origins.find(|origin| !is_same_origin(origin, host)) {
         let origin = String::from_utf8_lossy(origin.as_bytes());
         return Err(Error::ForeignOrigin(format!(
             "the request comes from a page of {:?}",
             origin.chars().take(100).collect::<String>()
         )));
     }
-    if is_of_another_site(request.method(), headers) {
+    if is_cross_site(request.method(), headers) {
         return Err(Error::ForeignOrigin(
             "the request comes from a page of another site".into(),
         ));
     }
     let may_be_a_form = request.method() == Method::POST
-        && media_type(headers).is_some_and(|kind| SENT_BY_FORMS.contains(&kind.as_str()));
+        && media_type(headers)
+            .is_some_and(|kind| SAFELISTED_CONTENT_TYPES.contains(&kind.as_str()));
     if may_be_a_form
         && !headers.contains_key(header::ORIGIN)
         && !headers.contains_key(SEC_FETCH_SITE)
@@ -133,7 +134,7 @@ fn is_loopback(host: &str) -> bool {
 }
 
 /// Whether an origin is this server, under the request's host.
-fn is_own(origin: &HeaderValue, host: Option<&Authority>) -> bool {
+fn is_same_origin(origin: &HeaderValue, host: Option<&Authority>) -> bool {
     let origin = origin.to_str().ok();
     let authority = origin.and_then(|text| {
         text.strip_prefix("http://")
@@ -145,7 +146,7 @@ fn is_own(origin: &HeaderValue, host: Option<&Authority>) -> bool {
 }
 
 /// Whether the browser declares the request as cross-site (Fetch Metadata). A followed link is allowed.
-fn is_of_another_site(method: &Method, headers: &HeaderMap) -> bool {
+fn is_cross_site(method: &Method, headers: &HeaderMap) -> bool {
     let is = |name: &HeaderName, values: &[&str]| {
         headers
             .get(name)

@@ -27,7 +27,7 @@ pub async fn events(
     Item { app, caller, id }: Item,
 ) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>> + use<>>, Error> {
     let row = access::job(&app, &caller, &id).await?;
-    let permit = app.limits.waiting()?;
+    let permit = app.limits.waiting_permit()?;
     Ok(
         Sse::new(stream(app, caller, row, permit))
             .keep_alive(KeepAlive::new().interval(KEEP_ALIVE)),
@@ -43,7 +43,7 @@ fn stream(
 ) -> impl Stream<Item = Result<Event, Infallible>> {
     let (events, receiver) = mpsc::channel(1);
     let mut work = JoinSet::new();
-    work.spawn(follow(app, caller, row, events));
+    work.spawn(send_events(app, caller, row, events));
     ReceiverStream::new(receiver).map(move |event| {
         // Moves permit and task into the closure, so that they live as long as the stream.
         let _held = (&permit, &work);
@@ -51,7 +51,7 @@ fn stream(
     })
 }
 
-async fn follow(app: App, caller: Caller, mut row: JobRow, events: mpsc::Sender<Event>) {
+async fn send_events(app: App, caller: Caller, mut row: JobRow, events: mpsc::Sender<Event>) {
     loop {
         let is_over = row.status.is_over();
         let Ok(answer) = JobAnswer::try_from(&row) else {
@@ -70,8 +70,8 @@ async fn follow(app: App, caller: Caller, mut row: JobRow, events: mpsc::Sender<
             return;
         }
         let next = tokio::select! {
-            next = changed(&app, &row) => next,
-            () = revoked(&app, &caller) => None,
+            next = wait_until_changed(&app, &row) => next,
+            () = wait_until_revoked(&app, &caller) => None,
             () = app.stopped() => None,
         };
         // The stream ends on a database error, a shutdown or a revoked key; clients reconnect.
@@ -84,8 +84,8 @@ async fn follow(app: App, caller: Caller, mut row: JobRow, events: mpsc::Sender<
 }
 
 /// Waits until status, attempt or progress of the job has changed. Returns `None` if the database fails.
-async fn changed(app: &App, seen: &JobRow) -> Option<JobRow> {
-    let has_changed = |job: &JobRow| job.has_moved_on(seen);
+async fn wait_until_changed(app: &App, seen: &JobRow) -> Option<JobRow> {
+    let has_changed = |job: &JobRow| job.has_progressed_since(seen);
     loop {
         let waited = app
             .signals
@@ -98,7 +98,7 @@ async fn changed(app: &App, seen: &JobRow) -> Option<JobRow> {
 }
 
 /// Resolves when the caller's key is revoked or cannot be read.
-async fn revoked(app: &App, caller: &Caller) {
+async fn wait_until_revoked(app: &App, caller: &Caller) {
     while auth::is_still_valid(app, caller).await {
         tokio::time::sleep(KEY_CHECK_INTERVAL).await;
     }

@@ -18,7 +18,7 @@ use crate::wire::safetensors;
 use axum::response::Response;
 
 /// The networks that a job starts from.
-struct Chosen {
+struct ChosenNetworks {
     network_id: Option<String>,
     residual_network_id: Option<String>,
 }
@@ -34,7 +34,7 @@ pub async fn create(Id(robot_id): Id, submission: Submission) -> Result<Response
     access::robot(app, &submission.caller, &robot_id).await?;
     let request = parse_request(&submission)?;
     // The permit is taken before the uploads are read, so that waiting requests hold no upload in memory.
-    let permit = app.limits.compute(submission.caller.class).await?;
+    let permit = app.limits.compute_permit(submission.caller.class).await?;
     let sources = load(app, &submission.caller, &robot_id, &request).await?;
     let mut new = new_job(&request, &sources, &submission.caller.holder)?;
     let chosen = permit.run(move || check(&request, sources)).await?;
@@ -134,7 +134,7 @@ fn is_independent(
 }
 
 /// Runs every check of the core, and chooses the networks that the job starts from.
-fn check(request: &JobRequestBody, sources: Sources) -> Result<Chosen, Error> {
+fn check(request: &JobRequestBody, sources: Sources) -> Result<ChosenNetworks, Error> {
     let robot = Robot::try_from(&access::robot_body(&sources.robot)?)?;
     let n_joints = robot.links.len();
     let parse = |source: &MeasurementSetInput| source.parse(n_joints).map_err(Error::Invalid);
@@ -195,7 +195,7 @@ fn check(request: &JobRequestBody, sources: Sources) -> Result<Chosen, Error> {
         &sets_sha256,
         parse,
     )?;
-    Ok(Chosen {
+    Ok(ChosenNetworks {
         network_id,
         residual_network_id,
     })

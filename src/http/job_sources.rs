@@ -86,11 +86,11 @@ pub async fn load(
     if let Some(set) = &parameter_set {
         check_parameter_set(set, &robot)?;
         if request.holds_parameter_set() && set.status == ParameterSetStatus::Withdrawn {
-            return Err(held_is_withdrawn(&set.id));
+            return Err(held_set_withdrawn(&set.id));
         }
     }
     check_sessions(request, &sets)?;
-    let sets = with_bytes(app, sets).await?;
+    let sets = read_bodies(app, sets).await?;
     let first = &sets.first().ok_or(store::Error::NotFound)?.row;
     let (networks, residual_networks, scored_frame) = tokio::join!(
         networks(app, &robot, request, first),
@@ -128,7 +128,7 @@ async fn sets(
 }
 
 /// The sets with their bytes. Their total size is limited to that of one upload, because all are in memory at once.
-async fn with_bytes(
+async fn read_bodies(
     app: &App,
     rows: Vec<MeasurementSetRow>,
 ) -> Result<Vec<MeasurementSetInput>, Error> {
@@ -229,7 +229,7 @@ fn no_released_set() -> Error {
     Error::conflict("no_active_parameter_set", detail)
 }
 
-fn held_is_withdrawn(id: &str) -> Error {
+fn held_set_withdrawn(id: &str) -> Error {
     let detail = format!(
         "the parameter set {id} was withdrawn, and what is identified here would keep its values: identify all parameters, or name another set"
     );
@@ -293,7 +293,7 @@ async fn networks(
     if let Some(id) = &request.network_id {
         let row = require_own(
             networks::get(&app.store, id).await,
-            |row| is_of(row, &robot.id, NetworkKind::LinkParameters),
+            |row| is_network_of_robot(row, &robot.id, NetworkKind::LinkParameters),
             "/network_id",
             "network",
         )?;
@@ -322,7 +322,8 @@ async fn residual_networks(
     }
     let found = match &request.residual_network_id {
         Some(id) => {
-            let is_own = |row: &NetworkRow| is_of(row, &robot.id, NetworkKind::Residual);
+            let is_own =
+                |row: &NetworkRow| is_network_of_robot(row, &robot.id, NetworkKind::Residual);
             let row = require_own(
                 networks::get(&app.store, id).await,
                 is_own,
@@ -369,7 +370,7 @@ async fn uploads_trained_on(app: &App, network_id: &str) -> Result<Vec<String>, 
     Ok(hashes)
 }
 
-fn is_of(row: &NetworkRow, robot_id: &str, kind: NetworkKind) -> bool {
+fn is_network_of_robot(row: &NetworkRow, robot_id: &str, kind: NetworkKind) -> bool {
     row.robot_id == robot_id
         && serde_json::from_str::<NetworkMetadata>(&row.metadata_json)
             .is_ok_and(|metadata| metadata.kind == kind)

@@ -78,7 +78,10 @@ pub async fn get(
         let detail = format!("wait_s is {wait_s}; 0 to {MAX_WAIT_S} is allowed");
         return Err(Error::invalid_query(detail));
     }
-    let _permit = query.waits().then(|| app.limits.waiting()).transpose()?;
+    let _permit = query
+        .waits()
+        .then(|| app.limits.waiting_permit())
+        .transpose()?;
     let row = access::job(&app, &caller, &id).await?;
     let row = if query.waits() && !row.status.is_over() {
         wait(&app, row, Duration::from_secs(wait_s)).await?
@@ -104,7 +107,7 @@ async fn wait(app: &App, row: JobRow, timeout: Duration) -> Result<JobRow, store
 )]
 pub async fn cancel(Item { app, caller, id }: Item) -> Result<Json<JobAnswer>, Error> {
     access::job(&app, &caller, &id).await?;
-    let _permit = app.limits.compute(caller.class).await?;
+    let _permit = app.limits.compute_permit(caller.class).await?;
     Ok(Json(JobAnswer::try_from(
         &queue::cancel(&app.store, &app.signals, &id, &caller.holder).await?,
     )?))
@@ -116,7 +119,7 @@ pub async fn cancel(Item { app, caller, id }: Item) -> Result<Json<JobAnswer>, E
     responses((status = 200, description = "The report", body = Report))
 )]
 pub async fn report(Item { app, caller, id }: Item) -> Result<Response, Error> {
-    let _permit = app.limits.compute(caller.class).await?;
+    let _permit = app.limits.compute_permit(caller.class).await?;
     access::job(&app, &caller, &id).await?;
     Ok(stored(jobs::report(&app.store, &id).await?))
 }
@@ -127,7 +130,7 @@ pub async fn report(Item { app, caller, id }: Item) -> Result<Response, Error> {
     responses((status = 200, description = "The curve", body = Convergence))
 )]
 pub async fn convergence(Item { app, caller, id }: Item) -> Result<Response, Error> {
-    let _permit = app.limits.compute(caller.class).await?;
+    let _permit = app.limits.compute_permit(caller.class).await?;
     access::job(&app, &caller, &id).await?;
     Ok(stored(jobs::convergence(&app.store, &id).await?))
 }

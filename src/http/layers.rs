@@ -42,8 +42,8 @@ pub fn with_middleware<S: Clone + Send + Sync + 'static>(
     metrics: Metrics,
 ) -> Router<S> {
     router
-        .layer(from_fn(only_problems))
-        .layer(CatchPanicLayer::custom(panicked))
+        .layer(from_fn(convert_to_problem))
+        .layer(CatchPanicLayer::custom(panic_response))
         .layer(from_fn_with_state(metrics, observe))
 }
 
@@ -64,7 +64,7 @@ async fn observe(State(metrics): State<Metrics>, request: Request, next: Next) -
         .extensions()
         .get::<Code>()
         .map(|code| code.0.as_str());
-    metrics.answered(&method, &route, status, code, duration);
+    metrics.record_answer(&method, &route, status, code, duration);
     let duration_ms = duration.as_secs_f64() * 1e3;
     // Successful reads and overload are logged at debug only; both are counted.
     span.in_scope(|| match (&method, status.as_u16()) {
@@ -94,7 +94,7 @@ pub fn is_unlimited(uri: &Uri) -> bool {
     matches!(uri.path(), "/healthz" | "/readyz" | "/metrics") || may_wait(uri)
 }
 
-/// Whether a request is a long poll: a GET of a job that asks to wait. It takes a permit to wait instead of one to read.
+/// Whether a request is a long poll: a GET of a job with `wait_s`. It takes a permit to wait instead of one to read.
 fn may_wait(uri: &Uri) -> bool {
     let job = uri.path().strip_prefix("/v1/jobs/");
     job.is_some_and(|id| !id.contains('/'))
@@ -108,7 +108,7 @@ pub fn refuse_unrouted(metrics: &Metrics, method: &Method, error: Error) -> Resp
         .extensions()
         .get::<Code>()
         .map(|code| code.0.as_str());
-    metrics.answered(method, "-", response.status(), code, Duration::ZERO);
+    metrics.record_answer(method, "-", response.status(), code, Duration::ZERO);
     add_common_headers(
         response.headers_mut(),
         &uuid::Uuid::now_v7().simple().to_string(),
@@ -117,7 +117,7 @@ pub fn refuse_unrouted(metrics: &Metrics, method: &Method, error: Error) -> Resp
 }
 
 /// The problem for a request that hyper refuses before routing. hyper writes its status.
-pub fn unrouted(error: &Error) -> Response<Vec<u8>> {
+pub fn unrouted_problem(error: &Error) -> Response<Vec<u8>> {
     let body = serde_json::to_vec(&error.problem()).unwrap_or_default();
     let mut response = Response::new(body);
     let headers = response.headers_mut();
@@ -127,7 +127,7 @@ pub fn unrouted(error: &Error) -> Response<Vec<u8>> {
 }
 
 /// Converts error answers of other layers and extractors to problems. Their headers (`Allow`, …) stay.
-async fn only_problems(request: Request, next: Next) -> Response {
+async fn convert_to_problem(request: Request, next: Next) -> Response {
     let response = next.run(request).await;
     let status = response.status();
     let is_problem = response
@@ -149,7 +149,7 @@ async fn only_problems(request: Request, next: Next) -> Response {
 }
 
 /// Answers a panic in a handler with 500 and logs the cause.
-fn panicked(cause: Box<dyn Any + Send + 'static>) -> Response {
+fn panic_response(cause: Box<dyn Any + Send + 'static>) -> Response {
     let text = cause
         .downcast_ref::<String>()
         .map(String::as_str)

@@ -12,7 +12,7 @@ use utoipa::IntoParams;
 /// Longest text to search for, characters: that of the longest name.
 const MAX_SEARCH: usize = 200;
 
-/// The store's request, if it can be answered. `has_names` is true if the items of the list have names.
+/// Checks the query of a list and returns the store's request. `has_names`: the items of the list have names.
 fn checked(
     request: ListRequest,
     limit: Option<u32>,

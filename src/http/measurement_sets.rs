@@ -107,8 +107,9 @@ impl UploadQuery {
     }
 }
 
-/// A parsed upload.
-struct Parsed {
+/// A parsed upload, with the hash of its bytes.
+struct ParsedUpload {
+    sha256: String,
     frame: Frame,
     name: Option<String>,
     n_points: usize,
@@ -121,11 +122,11 @@ struct Parsed {
     misfit: Option<Misfit>,
 }
 
-impl Parsed {
+impl ParsedUpload {
     /// Adds the warning and the override of an upload that does not fit the robot but was accepted.
-    fn keep(&mut self, kept: AcceptedMisfit) {
-        self.warnings.push(kept.warning);
-        self.insisted_on = kept.insisted_on.or(self.insisted_on);
+    fn accept(&mut self, accepted: AcceptedMisfit) {
+        self.warnings.push(accepted.warning);
+        self.insisted_on = accepted.insisted_on.or(self.insisted_on);
     }
 }
 
@@ -173,28 +174,28 @@ pub async fn create(
     let serial_number = query.serial_number.clone();
     let mut upload = app
         .compute(submission.caller.class, move || {
-            parse_upload(&robot, &bytes, content_type, &columns, (query, record))
+            parse_upload(&robot, &bytes, content_type, &columns, query, record)
         })
         .await?;
     if let Some((reference, scale)) = reference {
         upload.reading.get_or_insert_default().reference = Some(reference);
-        let told = scale.and_then(|scale| instrument_scale(ScaleAtReach::new(scale, &links)));
-        upload.warnings.extend(told.as_ref().map(Warning::from));
+        let warning = scale.and_then(|scale| instrument_scale(ScaleAtReach::new(scale, &links)));
+        upload.warnings.extend(warning.as_ref().map(Warning::from));
     }
     if let Some(misfit) = upload.misfit.take() {
         let unread = upload.reading.as_ref().and_then(Reading::unread_labels);
         let caller = &submission.caller;
-        let kept = upload_check::diagnose(app, caller, &robot_id, misfit, insist, unread).await?;
-        upload.keep(kept);
+        let accepted =
+            upload_check::diagnose(app, caller, &robot_id, misfit, insist, unread).await?;
+        upload.accept(accepted);
     }
-    let sha256 = canonical::sha256_hex(&submission.body);
     // A key that is limited to some robots must not learn about others.
     if submission.caller.robots.is_none()
-        && measurement_sets::n_other_robots(&app.store, &robot_id, &sha256).await? > 0
+        && measurement_sets::n_other_robots(&app.store, &robot_id, &upload.sha256).await? > 0
     {
         upload.warnings.push(same_file_elsewhere());
     }
-    if let Some(known) = measurement_sets::same_file(&app.store, &robot_id, &sha256).await? {
+    if let Some(known) = measurement_sets::same_file(&app.store, &robot_id, &upload.sha256).await? {
         upload.warnings.push(same_file_again(&known));
     }
     let reading = upload.reading.as_ref();
@@ -204,7 +205,7 @@ pub async fn create(
         frame: upload.frame,
         content_type: upload.content_type,
         body: submission.body.to_vec(),
-        sha256,
+        sha256: upload.sha256,
         n_points: upload.n_points as i64,
         n_configurations: upload.n_configurations as i64,
         n_targets: upload.n_targets as i64,
@@ -258,12 +259,13 @@ fn parse_upload(
     bytes: &Bytes,
     content_type: String,
     columns: &ColumnsBody,
-    (query, record): (UploadQuery, Option<SessionRecord>),
-) -> Result<Parsed, Error> {
+    query: UploadQuery,
+    record: Option<SessionRecord>,
+) -> Result<ParsedUpload, Error> {
     check_serial_number(body, query.serial_number.as_deref())?;
     let robot = Robot::try_from(body)?;
     let n_joints = robot.links.len();
-    let instrument = InstrumentBody::of_parameters(
+    let instrument = InstrumentBody::from_parameters(
         query.range_std_mm,
         query.range_std_mm_per_m,
         query.angle_std_deg,
@@ -296,7 +298,7 @@ fn parse_upload(
         set = measurement::inverted(set)?;
         reading.get_or_insert_default().inverse_poses = true;
     }
-    if let Some(record) = SessionRecord::of_set(record, &set) {
+    if let Some(record) = SessionRecord::for_set(record, &set) {
         reading.get_or_insert_default().record = Some(record);
     }
     let mut checker = Checker::default();
@@ -309,13 +311,14 @@ fn parse_upload(
         .map(|warning| {
             let mut warning = Warning::from(warning);
             warning.rows.truncate(MAX_WARNED_ROWS);
-            warning.naming(|row| set.points.get(row)?.name.as_deref())
+            warning.with_point_names(|row| set.points.get(row)?.name.as_deref())
         })
         .collect();
     if stated_frame.is_none() {
         warnings.push(frame_assumed());
     }
-    let mut parsed = Parsed {
+    let mut parsed = ParsedUpload {
+        sha256: canonical::sha256_hex(bytes),
         frame: stated_frame.unwrap_or(DEFAULT_FRAME),
         name,
         n_points: set.points.len(),
@@ -327,8 +330,8 @@ fn parse_upload(
         insisted_on: None,
         misfit: None,
     };
-    if let Some(kept) = accept_rotations(&robot, &set, query.insist)? {
-        parsed.keep(kept);
+    if let Some(accepted) = accept_rotations(&robot, &set, query.insist)? {
+        parsed.accept(accepted);
     }
     parsed.misfit = upload_check::check_fit(body, set)?;
     Ok(parsed)
@@ -412,7 +415,7 @@ pub async fn points(
     Item { app, caller, id }: Item,
     Query(query): Query<PointsQuery>,
 ) -> Result<Response, Error> {
-    let permit = app.limits.compute(caller.class).await?;
+    let permit = app.limits.compute_permit(caller.class).await?;
     let row = access::measurement_set(&app, &caller, &id).await?;
     let body = measurement_sets::body(&app.store, &id).await?;
     if query.format.is_none() {

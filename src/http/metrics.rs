@@ -33,7 +33,7 @@ pub async fn metrics(State(app): State<App>, caller: Caller) -> Result<Response,
     }
     // The counters are answered even while the database is unavailable.
     let jobs = {
-        let _permit = app.limits.statistics().await?;
+        let _permit = app.limits.statistics_permit().await?;
         statistics::jobs(&app.store).await
     };
     let is_up = f64::from(u8::from(jobs.is_ok()));
@@ -68,13 +68,13 @@ fn write_jobs(out: &mut PrometheusText, jobs: &[JobStatistics]) {
     let mut waits = out.family("kincal_job_queue_wait_seconds", "summary", what);
     let waited_s = jobs.iter().map(|row| seconds(row.waited_ms)).sum();
     let n_begun = jobs.iter().map(|row| row.n_begun).sum::<i64>() as f64;
-    waits.part("_sum", &[], waited_s);
-    waits.part("_count", &[], n_begun);
+    waits.sample_with_suffix("_sum", &[], waited_s);
+    waits.sample_with_suffix("_count", &[], n_begun);
     let what = "From the beginning to the end, over the jobs in the database that succeeded.";
     let mut solves = out.family("kincal_job_solve_seconds", "summary", what);
     let ended = of(JobStatus::Succeeded);
-    solves.part("_sum", &[], ended.map_or(0.0, |row| seconds(row.ran_ms)));
-    solves.part("_count", &[], ended.map_or(0.0, |row| row.n_jobs as f64));
+    solves.sample_with_suffix("_sum", &[], ended.map_or(0.0, |row| seconds(row.ran_ms)));
+    solves.sample_with_suffix("_count", &[], ended.map_or(0.0, |row| row.n_jobs as f64));
 }
 
 fn seconds(ms: i64) -> f64 {

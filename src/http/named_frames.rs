@@ -62,7 +62,7 @@ pub async fn put_work_frame(
         let set = require_own(set, |set| set.robot_id == robot_id, at, what)?;
         let robot = access::robot(app, &submission.caller, &robot_id).await?;
         let n_joints = access::robot_body(&robot)?.links.len();
-        let permit = app.limits.compute(submission.caller.class).await?;
+        let permit = app.limits.compute_permit(submission.caller.class).await?;
         let points = points_of(app, &permit, set, n_joints).await?;
         body.check_station(&points)?;
     }

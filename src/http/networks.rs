@@ -33,7 +33,7 @@ pub async fn get(Item { app, caller, id }: Item) -> Result<Json<NetworkAnswer>, 
     responses((status = 200, description = "safetensors, 64-bit floats", body = Vec<u8>, content_type = "application/octet-stream"))
 )]
 pub async fn weights(Item { app, caller, id }: Item) -> Result<Response, Error> {
-    let _permit = app.limits.compute(caller.class).await?;
+    let _permit = app.limits.compute_permit(caller.class).await?;
     access::network(&app, &caller, &id).await?;
     let disposition = format!("attachment; filename=\"{id}.safetensors\"");
     let headers = [

@@ -8,7 +8,7 @@ use crate::http::{App, Error};
 use crate::jobs::evidence::session;
 use crate::release::guard_band::rule_in_force;
 use crate::release::needs::{NeedFacts, need};
-use crate::release::{self, LastCheck, StoredFacts, may_have_trend};
+use crate::release::{self, LastMisfit, StoredFacts, may_have_trend};
 use crate::store::overview::{self, OverviewRow};
 use crate::store::{VerificationRow, verifications};
 use crate::wire::overview::{JobOverview, Need, RobotOverview, SessionOverview, SetOverview};
@@ -51,7 +51,7 @@ pub async fn list(
         } else {
             None
         };
-        items.push(robot(row, days_to_limit, refused_by)?);
+        items.push(robot_overview(row, days_to_limit, refused_by)?);
     }
     Ok(Json(Page {
         items,
@@ -77,7 +77,7 @@ fn first_refusal(row: &OverviewRow, of_set: Vec<VerificationRow>) -> Result<Opti
     let Some(identified) = identified.into_iter().next() else {
         return Ok(None);
     };
-    // 0: no session counts as outdated. This list does not read when the points were uploaded.
+    // With 0 no session is outdated: this list does not read when the points were uploaded.
     let sessions = sessions.into_iter();
     let sessions: Vec<_> = sessions
         .map(|facts| session(identified.frame, 0, facts))
@@ -93,33 +93,33 @@ fn first_refusal(row: &OverviewRow, of_set: Vec<VerificationRow>) -> Result<Opti
         independent_session_required: row.independent_session_required,
         second_person_required: false,
     };
-    let last_check = (row.check_seq > 0).then(|| LastCheck {
-        seq: row.check_seq,
+    let last_misfit = (row.misfit_seq > 0).then(|| LastMisfit {
+        seq: row.misfit_seq,
         job_id: String::new(),
     });
     let refused = release::first_refusal(&StoredFacts {
         robot: &robot,
         check_job_id: row.check_job_id.as_deref(),
-        last_check: last_check.as_ref(),
+        last_misfit: last_misfit.as_ref(),
         checked_seq: row.checked_seq,
         identification: &identified.found,
         identification_seq: identified.seq,
         sessions: &sessions,
         has_other_joint_map: row.newest_has_other_joint_map,
-        insisted_source: row.newest_insisted_on.as_deref(),
+        insisted_on: row.newest_insisted_on.as_deref(),
         policy: &policy,
         report: &ReportSummary::default(),
     });
     Ok(refused.map(|gate| gate.gate))
 }
 
-fn robot(
+fn robot_overview(
     row: OverviewRow,
     days_to_limit: Option<f64>,
     refused_by: Option<String>,
 ) -> Result<RobotOverview, Error> {
     let Document { serial_number } = serde_json::from_str(&row.body_json)?;
-    let facts = facts(&row, days_to_limit, refused_by.clone());
+    let facts = need_facts(&row, days_to_limit, refused_by.clone());
     let (need, reason) = need(&facts);
     let need_job_id = match need {
         Need::CheckRobot => row.check_job_id.clone(),
@@ -190,7 +190,7 @@ fn robot(
     })
 }
 
-fn facts(
+fn need_facts(
     row: &OverviewRow,
     days_to_limit: Option<f64>,
     newest_refused_by: Option<String>,

@@ -2,7 +2,7 @@
 
 use crate::calibration::request::Estimate;
 use crate::http::extract::Item;
-use crate::http::headers::is_known;
+use crate::http::headers::matches_etag;
 use crate::http::limits::ComputePermit;
 use crate::http::list_query::{ParameterSetListQuery, list_of_robot};
 use crate::http::{App, Error, access};
@@ -55,7 +55,7 @@ pub async fn active(Item { app, caller, id }: Item, headers: HeaderMap) -> Resul
         .ok_or(Error::NoActiveParameterSet)?;
     let body = serde_json::to_vec(&ParameterSetAnswer::try_from(&row)?)?;
     let etag = format!("\"{}\"", canonical::sha256_hex(&body));
-    if is_known(&headers, &etag) {
+    if matches_etag(&headers, &etag) {
         return Ok((StatusCode::NOT_MODIFIED, [(header::ETAG, etag)]).into_response());
     }
     let headers = [

@@ -37,7 +37,7 @@ pub async fn create(
     }
     let robot = Robot::try_from(&access::robot_body(&row)?)?;
     let n_joints = robot.links.len();
-    let permit = app.limits.compute(caller.class).await?;
+    let permit = app.limits.compute_permit(caller.class).await?;
     let mut sets = Vec::new();
     for set in measured {
         // One after the other, because the bytes are much larger than the parsed points.

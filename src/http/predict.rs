@@ -26,14 +26,14 @@ pub async fn predict(
     let robot = access::robot_of_set(&app, &caller, &row).await?;
     let bytes = json_body(request, &app).await?;
     let content = parameter_sets::content(&row)?;
-    let permit = app.limits.compute(caller.class).await?;
+    let permit = app.limits.compute_permit(caller.class).await?;
     let estimate = parameter_sets::estimate(&app, &permit, &row, &robot).await?;
     let mut warnings = parameter_sets::warnings_of_use(&app, &row).await?;
     let provenance = parameter_sets::provenance(&app, &permit, &row).await?;
     let is_wrong =
         |warning: &Warning| wrong_robot(&provenance).is_some_and(|(code, _)| code == warning.code);
-    let is_told = |warning: &&Warning| is_wrong(warning) || warning.code == INSTRUMENT_SCALE;
-    warnings.extend(provenance.warnings.iter().filter(is_told).cloned());
+    let is_shown = |warning: &&Warning| is_wrong(warning) || warning.code == INSTRUMENT_SCALE;
+    warnings.extend(provenance.warnings.iter().filter(is_shown).cloned());
     let answer = permit.run(move || {
         let body: PredictBody = json::parse(&bytes)?;
         let robot = Robot::try_from(&robot)?;

@@ -19,7 +19,7 @@ use axum::response::Response;
 )]
 pub async fn gates(Item { app, caller, id }: Item) -> Result<Json<GatesAnswer>, Error> {
     let row = access::parameter_set(&app, &caller, &id).await?;
-    let permit = app.limits.compute(caller.class).await?;
+    let permit = app.limits.compute_permit(caller.class).await?;
     let request = ReleaseRequest {
         set: row,
         approver: caller.holder,
@@ -55,7 +55,7 @@ pub async fn release(Id(id): Id, submission: Submission) -> Result<Response, Err
             change_reason: body.change_reason,
         },
     };
-    let permit = app.limits.compute(submission.caller.class).await?;
+    let permit = app.limits.compute_permit(submission.caller.class).await?;
     let released = async {
         let checked = check(&app.store, &permit, request).await?;
         let release = checked.release(body.reason)?;
@@ -77,7 +77,7 @@ pub async fn release(Id(id): Id, submission: Submission) -> Result<Response, Err
 pub async fn roll_back(Id(robot_id): Id, submission: Submission) -> Result<Response, Error> {
     let app = &submission.app;
     access::robot(app, &submission.caller, &robot_id).await?;
-    let permit = app.limits.compute(submission.caller.class).await?;
+    let permit = app.limits.compute_permit(submission.caller.class).await?;
     let reason = submission.reason()?;
     let rolled_back = async {
         let request = ReleaseRequest {
@@ -105,7 +105,7 @@ pub async fn roll_back(Id(robot_id): Id, submission: Submission) -> Result<Respo
 pub async fn withdraw(Id(id): Id, submission: Submission) -> Result<Response, Error> {
     let app = &submission.app;
     access::parameter_set(app, &submission.caller, &id).await?;
-    let _permit = app.limits.compute(submission.caller.class).await?;
+    let _permit = app.limits.compute_permit(submission.caller.class).await?;
     let reason = submission.reason()?;
     let by = &submission.caller.holder;
     let effect = async |tx: &mut Tx| {

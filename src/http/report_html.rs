@@ -37,7 +37,7 @@ pub async fn report_html(Item { app, caller, id }: Item) -> Result<Response, Err
         None => vec![],
     };
     let tolerance_mm = policies::get(&app.store, &job.robot_id).await?.tolerance_mm;
-    let permit = app.limits.compute(caller.class).await?;
+    let permit = app.limits.compute_permit(caller.class).await?;
     let (report, convergence) = (
         jobs::report(&app.store, &id).await?,
         jobs::convergence(&app.store, &id).await?,

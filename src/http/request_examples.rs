@@ -30,7 +30,7 @@ const URDF: &str = r#"<?xml version="1.0"?>
 "#;
 
 /// The example of a body whose type is not JSON, or of a request whose JSON has no schema.
-pub fn of_operation(operation_id: &str, media_type: &str) -> Option<Value> {
+pub fn example_of_operation(operation_id: &str, media_type: &str) -> Option<Value> {
     Some(match (operation_id, media_type) {
         ("createFrames", "text/csv") => sweeps().into(),
         ("compensateProgram", "text/csv") => PROGRAM.into(),
@@ -55,7 +55,7 @@ fn sweeps() -> String {
 }
 
 /// Examples of shapes whose fields are all optional, or whose values belong together.
-pub fn of_shape(name: &str) -> Option<Value> {
+pub fn example_of_shape(name: &str) -> Option<Value> {
     Some(match name {
         "RobotBody" => serde_json::from_str(ROBOT).ok()?,
         "RobotPatchBody" => json!({"name": "Cell 4, left", "serial_number": "ER20-0117"}),

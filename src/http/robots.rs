@@ -77,7 +77,7 @@ pub async fn get(Item { app, caller, id }: Item) -> Result<Json<RobotAnswer>, Er
 )]
 pub async fn edit(Id(robot_id): Id, submission: Submission) -> Result<Response, Error> {
     let row = access::robot_in_use(&submission.app, &submission.caller, &robot_id).await?;
-    let patch: RobotPatchBody = submission.json().map_err(links_stay)?;
+    let patch: RobotPatchBody = submission.json().map_err(explain_fixed_links)?;
     let EditedRobot {
         body,
         changed,
@@ -102,7 +102,7 @@ pub async fn edit(Id(robot_id): Id, submission: Submission) -> Result<Response, 
 }
 
 /// Adds the remedy to the error of a request that tries to edit the links.
-fn links_stay(error: Error) -> Error {
+fn explain_fixed_links(error: Error) -> Error {
     match error {
         Error::Invalid(mut invalid) => {
             let of_links = invalid.issues.iter_mut().filter(|issue| {

@@ -27,12 +27,12 @@ pub struct Route {
 
 impl Route {
     /// Whether a method asks for this route.
-    pub fn takes(&self, method: &Method) -> bool {
+    pub fn matches_method(&self, method: &Method) -> bool {
         self.method == method || (self.method == Method::GET && method == Method::HEAD)
     }
 
     /// Whether a path fits the template.
-    fn fits(&self, path: &str) -> bool {
+    fn matches_path(&self, path: &str) -> bool {
         let mut segments = path.split('/');
         let is_same = |template: &str| {
             let segment = segments.next();
@@ -46,7 +46,7 @@ impl Route {
 pub fn class_of(routes: &[Route], method: &Method, path: &str) -> RequestClass {
     let route = routes
         .iter()
-        .find(|route| route.takes(method) && route.fits(path));
+        .find(|route| route.matches_method(method) && route.matches_path(path));
     match (route, method) {
         (Some(route), _) => route.class,
         (None, &Method::GET | &Method::HEAD | &Method::OPTIONS) => RequestClass::Read,

@@ -21,7 +21,6 @@ pub fn router(app: App) -> Router {
         .layer(Extension(contract))
         .layer(map_response_with_state(app.clone(), response_memory::count))
         .layer(from_fn_with_state((app.clone(), ROUTES), auth::authorize))
-        .layer(Extension(app.limits.clone()))
         .layer(from_fn_with_state(app.clone(), host::check));
     layers::with_middleware(guarded, app.metrics.clone()).with_state(app)
 }

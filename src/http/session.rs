@@ -1,7 +1,7 @@
 //! Who sends a request: the permissions of its key, and signing a browser in and out.
 
 use crate::http::auth::{Caller, bearer, new_token};
-use crate::http::session_cookie::{self, signing_in, signing_out};
+use crate::http::session_cookie::{self, sign_in_cookie, sign_out_cookie};
 use crate::http::{App, Error};
 use crate::store::{Tx, browser_sessions};
 use crate::wire::canonical;
@@ -32,7 +32,7 @@ pub async fn sign_in(
     browser_sessions::begin(&mut tx, &token.sha256, &caller.holder).await?;
     end_session(&mut tx, &headers).await?;
     tx.commit().await?;
-    let cookie = signing_in(&token.text, &app, &headers);
+    let cookie = sign_in_cookie(&token.text, &app, &headers);
     Ok((
         StatusCode::NO_CONTENT,
         cookie_header(cookie),
@@ -53,7 +53,7 @@ pub async fn sign_out(State(app): State<App>, _caller: Caller, headers: HeaderMa
         Ok(()) => StatusCode::NO_CONTENT.into_response(),
         Err(error) => error.into_response(),
     };
-    let cookie = cookie_header(signing_out(&app, &headers));
+    let cookie = cookie_header(sign_out_cookie(&app, &headers));
     response.headers_mut().extend(cookie);
     response
 }

@@ -25,7 +25,10 @@ const MAX_COOKIES: usize = 64;
 ///
 /// # Errors
 /// [`Error::Forbidden`] if the request may come from a page of another origin.
-pub fn token_of<'a>(method: &Method, headers: &'a HeaderMap) -> Result<Option<&'a str>, Error> {
+pub fn checked_token<'a>(
+    method: &Method,
+    headers: &'a HeaderMap,
+) -> Result<Option<&'a str>, Error> {
     let Some(token) = token(headers) else {
         return Ok(None);
     };
@@ -46,7 +49,7 @@ pub fn token_of<'a>(method: &Method, headers: &'a HeaderMap) -> Result<Option<&'
     Ok(Some(token))
 }
 
-/// The value of the cookie, valid or not. [`token_of`] also refuses requests from pages of other origins.
+/// The value of the cookie, not checked. [`checked_token`] refuses requests from pages of other origins.
 pub fn token(headers: &HeaderMap) -> Option<&str> {
     headers
         .get_all(header::COOKIE)
@@ -60,12 +63,12 @@ pub fn token(headers: &HeaderMap) -> Option<&str> {
 }
 
 /// The header that signs a browser in.
-pub fn signing_in(token: &str, app: &App, headers: &HeaderMap) -> Option<HeaderValue> {
+pub fn sign_in_cookie(token: &str, app: &App, headers: &HeaderMap) -> Option<HeaderValue> {
     HeaderValue::from_str(&with_attributes(token, "", is_secure(app, headers))).ok()
 }
 
 /// The header that signs a browser out.
-pub fn signing_out(app: &App, headers: &HeaderMap) -> Option<HeaderValue> {
+pub fn sign_out_cookie(app: &App, headers: &HeaderMap) -> Option<HeaderValue> {
     HeaderValue::from_str(&with_attributes("", "; Max-Age=0", is_secure(app, headers))).ok()
 }
 

@@ -62,7 +62,7 @@ struct OtherModel {
 }
 
 impl OtherModel {
-    /// The names in quotes: they cannot be told apart by their links.
+    /// The names in quotes. These robots have the same links, so the upload cannot show which of them was measured.
     fn in_words(&self) -> String {
         let named = self.names.iter().take(MAX_NAMES);
         let named: Vec<String> = named.map(|name| format!("{name:?}")).collect();

@@ -3,9 +3,9 @@
 
 use crate::jobs::JobInputs;
 use crate::jobs::execution::run_verification;
-use crate::jobs::measured_since::measured_since;
+use crate::jobs::measurement_age::measurement_age;
 use crate::jobs::queue;
-use crate::jobs::request::{points_of, requests_of};
+use crate::jobs::request::{parse_requests, parse_uploads};
 use crate::release::facts::{identification_facts, missing_misfit_warning};
 use crate::release::independence::is_verified_anew;
 use crate::store::{Result, Store, jobs, report_summaries, robots, verifications};
@@ -88,7 +88,7 @@ async fn store_facts(store: &Store, job_id: &str, found: &Verification) -> Resul
 
 /// Facts of one job. A session is scored again, which is quick. For an identification, the facts are taken from its report.
 fn compute_facts(inputs: &JobInputs, report: &str) -> Option<Verification> {
-    let (body, request) = requests_of(inputs).ok()?;
+    let (body, request) = parse_requests(inputs).ok()?;
     if inputs.job.kind.scores() {
         let outcome = run_verification(&body, &request, inputs, &mut |_| ControlFlow::Continue(()));
         return outcome.ok()?.verification;
@@ -97,12 +97,12 @@ fn compute_facts(inputs: &JobInputs, report: &str) -> Option<Verification> {
     report
         .warnings
         .extend(missing_misfit_warning(&request, &report));
-    let since = measured_since(inputs, &request);
-    let sources = points_of(&inputs.sources, &request).ok()?;
+    let age = measurement_age(inputs, &request);
+    let sources = parse_uploads(&inputs.sources, &request).ok()?;
     Some(identification_facts(
         &request,
         &report,
         is_verified_anew(&request, &sources),
-        since,
+        age,
     ))
 }

@@ -46,26 +46,26 @@ pub struct JobInputs {
     pub sources: Vec<MeasurementSetInput>,
     /// The references that the sets name, with their content in JSON.
     pub references: Vec<NamedDocumentRow>,
-    /// The robot's uploads that the job's points are compared with, if they were read ([`JobInputs::with_known_uploads`]). Points that
-    /// repeat an earlier upload are as old as that upload.
+    /// The robot's uploads that the job's points are compared with. Empty unless they were read ([`JobInputs::with_known_uploads`]). Points
+    /// that repeat an earlier upload are as old as that upload.
     pub known: KnownUploads,
 }
 
-/// Uploads that a job's points are compared with: those before the job's own uploads, and those before the robot's last session that did
-/// not fit.
+/// Uploads of the robot that a job's points are compared with: the uploads that are older than the job's own, and those that are older than the
+/// robot's last session that did not fit.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct KnownUploads {
     /// Number of that session in the robot's counter; 0 if there is none.
-    pub check_seq: i64,
+    pub misfit_seq: i64,
     /// For each of the job's own uploads, in order: its number in the audit chain; 0 if unknown.
-    pub own_seq: Vec<i64>,
+    pub own_uploaded_seqs: Vec<i64>,
     /// The uploads, oldest first.
     pub uploads: Vec<(KnownUpload, MeasurementSetInput)>,
-    /// True if it cannot be decided whether the points repeat an upload from before that session. This is so if nobody has explained the
-    /// session and the robot has more uploads or points than the limits below. Then only the newest uploads are compared.
+    /// True if only the newest uploads are compared, because the robot has more uploads or points than the limits below, and nobody has
+    /// explained that session. It is then unknown whether the points repeat an older upload.
     pub is_undecided: bool,
-    /// For a check: whether a job of another kind has used its upload, or its upload is too old to be among those that are compared.
-    pub is_own_used: bool,
+    /// For a check: whether a job of another kind has used its upload, or the upload is older than all that are compared.
+    pub is_own_upload_used: bool,
 }
 
 /// Limits on the uploads, and on their points, that a job's points are compared with: together some hundred MB of memory. For a robot above
@@ -198,7 +198,7 @@ impl JobFailure {
     }
 
     /// Failure for a stored document that cannot be read or written: an internal error, not the client's.
-    pub(super) fn broken(cause: impl std::fmt::Display) -> Self {
+    pub(super) fn internal(cause: impl std::fmt::Display) -> Self {
         tracing::error!(%cause, "a job's stored documents cannot be read or written");
         Self::failed(Problem::new(
             500,
@@ -320,10 +320,10 @@ async fn load_sources(store: &Store, job_id: &str) -> Result<Vec<MeasurementSetI
 }
 
 async fn load_known(store: &Store, job: &JobRow) -> Result<KnownUploads> {
-    let check = verifications::check(store, &job.robot_id).await?;
+    let counters = verifications::robot_counters(store, &job.robot_id).await?;
     let (robot_id, is_session) = (&job.robot_id, job.kind == Kind::Verify);
     let limit = MAX_KNOWN as i64 + 1;
-    let found = known_uploads::newest(store, robot_id, check.check_seq, is_session, limit);
+    let found = known_uploads::newest(store, robot_id, counters.misfit_seq, is_session, limit);
     let mut found: Vec<KnownUpload> = found.await?;
     let n_found = found.len();
     found.truncate(MAX_KNOWN);
@@ -338,13 +338,13 @@ async fn load_known(store: &Store, job: &JobRow) -> Result<KnownUploads> {
         let own = found.iter().find(|upload| upload.id == id);
         own.map_or(0, |upload| upload.uploaded_seq)
     };
-    let own_seq: Vec<i64> = job.set_ids().map(seq_of).collect();
-    let is_own_used = job.kind == Kind::Check
+    let own_uploaded_seqs: Vec<i64> = job.set_ids().map(seq_of).collect();
+    let is_own_upload_used = job.kind == Kind::Check
         && (!found.iter().any(is_own)
             || known_uploads::is_used(store, robot_id, &job.measurement_set_id).await?);
-    let newest_own = own_seq.iter().copied().max().unwrap_or(0);
+    let newest_own = own_uploaded_seqs.iter().copied().max().unwrap_or(0);
     let is_compared = |upload: &KnownUpload| {
-        upload.uploaded_seq < newest_own || upload.is_before_check || is_own(upload)
+        upload.uploaded_seq < newest_own || upload.is_before_misfit || is_own(upload)
     };
     let mut uploads = Vec::new();
     for upload in found.into_iter().rev().filter(is_compared) {
@@ -352,10 +352,10 @@ async fn load_known(store: &Store, job: &JobRow) -> Result<KnownUploads> {
         uploads.push((upload, input));
     }
     Ok(KnownUploads {
-        check_seq: check.check_seq,
-        own_seq,
+        misfit_seq: counters.misfit_seq,
+        own_uploaded_seqs,
         uploads,
-        is_undecided: is_cut && check.check_seq > check.checked_seq,
-        is_own_used,
+        is_undecided: is_cut && counters.misfit_seq > counters.checked_seq,
+        is_own_upload_used,
     })
 }

@@ -22,7 +22,7 @@ pub(super) fn estimate_json(
     let Some(estimate) = core.estimate.as_ref().filter(|_| is_usable(core)) else {
         return Ok(None);
     };
-    let stored = StoredEstimate::new(estimate, core.model, &body_of(&inputs.robot)?)?;
+    let stored = StoredEstimate::new(estimate, core.model, &parse_robot(&inputs.robot)?)?;
     let text = serde_json::to_string(&stored)?;
     Ok(Some(text.into()))
 }
@@ -33,7 +33,7 @@ pub fn stored_estimate(
     robot: &RobotRow,
     model: Option<Model>,
 ) -> Result<Option<Estimate>, Unreadable> {
-    let found = estimate_of(estimate_json, &body_of(robot)?)?;
+    let found = estimate_of(estimate_json, &parse_robot(robot)?)?;
     let alike = found.filter(|(stored, _)| model.is_none_or(|model| model == *stored));
     Ok(alike.map(|(_, estimate)| estimate))
 }
@@ -54,13 +54,13 @@ pub fn estimate_of(
 }
 
 /// The points that a set was identified from: those of a single upload, or the joined points of several sessions that were fitted together.
-pub(super) fn as_one(mut uploads: Vec<MeasurementSet>) -> Option<MeasurementSet> {
+pub(super) fn joined_sessions(mut uploads: Vec<MeasurementSet>) -> Option<MeasurementSet> {
     match uploads.len() {
         1 => uploads.pop(),
         _ => Some(joined(&uploads)),
     }
 }
 
-fn body_of(robot: &RobotRow) -> Result<RobotBody, Unreadable> {
+fn parse_robot(robot: &RobotRow) -> Result<RobotBody, Unreadable> {
     Ok(json::parse(robot.body_json.as_bytes())?)
 }

@@ -2,16 +2,14 @@
 
 use crate::calibration::request::VerifySource;
 use crate::calibration::{CalibrationRequest, repeats, tool_differences};
-use crate::jobs::request::request_of;
+use crate::jobs::request::parse_request;
 use crate::jobs::{JobInputs, MeasurementSetInput};
 use crate::release::comparison::{
     self, Compared, HeldOutPoints, compare_on_set, held_out_points, sessions_to_compare,
 };
 use crate::release::facts::verify_errors_mm;
-use crate::release::independence::{hides_base, shown_evidence};
-use crate::release::{
-    Ages, Comparison, LastCheck, Session, UnscoredSession, current_since, has_changed,
-};
+use crate::release::independence::{effective_evidence, hides_base};
+use crate::release::{Comparison, LastMisfit, PointsSeq, Session, UnscoredSession, has_changed};
 use crate::store::verifications::LaterSession;
 use crate::store::{
     ParameterSetRow, Result, Store, VerificationRow, jobs, parameter_sets, report_summaries,
@@ -40,8 +38,8 @@ pub struct EvidenceRows {
     rows: Vec<VerificationRow>,
     later: Vec<LaterSession>,
     n_without_facts: i64,
-    last_check: Option<LastCheck>,
-    ages: Ages,
+    last_misfit: Option<LastMisfit>,
+    points_seq: PointsSeq,
     inputs: JobInputs,
     summary: String,
     content: String,
@@ -73,7 +71,7 @@ pub struct ParsedEvidence {
     /// Age of the points that the set was identified from.
     pub points_seq: i64,
     /// The robot's last session that did not fit.
-    pub last_check: Option<LastCheck>,
+    pub last_misfit: Option<LastMisfit>,
     /// Content of the set.
     pub content: ParameterSetContent,
     /// Content of the active set.
@@ -102,8 +100,8 @@ pub async fn load(
         later: verifications::later_sessions(store, &set.id, MAX_LATER as i64).await?,
         rows: verifications::of_set(store, &set.id).await?,
         n_without_facts: verifications::n_without_facts(store, &set.id).await?,
-        last_check: last_check(store, &set.robot_id).await?,
-        ages: ages(store, set, active).await?,
+        last_misfit: last_misfit(store, &set.robot_id).await?,
+        points_seq: points_seq(store, set, active).await?,
         inputs: JobInputs::load(store, &set.job_id).await?,
         summary: report_summaries::of_job(store, &set.job_id).await?,
         content: set.body_json.clone(),
@@ -120,35 +118,36 @@ pub async fn load(
     })
 }
 
-/// Ages of the points of the set, of the active one, and of the last session that did not fit and that nobody has explained.
-async fn ages(
+/// Uploads of the points of the set, of the active set, and of the last session that did not fit and that nobody has explained.
+async fn points_seq(
     store: &Store,
     set: &ParameterSetRow,
     active: Option<&ParameterSetRow>,
-) -> Result<Ages> {
-    let check = verifications::check(store, &set.robot_id).await?;
-    let last = match check.check_seq > check.checked_seq {
-        true => verifications::job_of(store, &set.robot_id, check.check_seq).await?,
+) -> Result<PointsSeq> {
+    let counters = verifications::robot_counters(store, &set.robot_id).await?;
+    let last = match counters.misfit_seq > counters.checked_seq {
+        true => verifications::job_at(store, &set.robot_id, counters.misfit_seq).await?,
         false => None,
     };
-    let mut ages = Ages::default();
-    for (job_id, age) in [
-        (Some(&set.job_id), &mut ages.own),
-        (active.map(|active| &active.job_id), &mut ages.active),
-        (last.as_ref(), &mut ages.last_check),
+    let mut points_seq = PointsSeq::default();
+    for (job_id, seq) in [
+        (Some(&set.job_id), &mut points_seq.own),
+        (active.map(|active| &active.job_id), &mut points_seq.active),
+        (last.as_ref(), &mut points_seq.last_misfit),
     ] {
         if let Some(job_id) = job_id {
             let row = verifications::of_job(store, job_id).await?;
-            *age = row.map_or(0, |row| row.points_seq);
+            *seq = row.map_or(0, |row| row.points_seq);
         }
     }
-    Ok(ages)
+    Ok(points_seq)
 }
 
-async fn last_check(store: &Store, robot_id: &str) -> Result<Option<LastCheck>> {
-    let seq = verifications::check(store, robot_id).await?.check_seq;
-    let job_id = verifications::job_of(store, robot_id, seq).await?;
-    Ok(job_id.map(|job_id| LastCheck { seq, job_id }))
+async fn last_misfit(store: &Store, robot_id: &str) -> Result<Option<LastMisfit>> {
+    let counters = verifications::robot_counters(store, robot_id).await?;
+    let seq = counters.misfit_seq;
+    let job_id = verifications::job_at(store, robot_id, seq).await?;
+    Ok(job_id.map(|job_id| LastMisfit { seq, job_id }))
 }
 
 impl EvidenceRows {
@@ -169,16 +168,16 @@ pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Unread
             "some jobs about this set have no stored facts".into(),
         ));
     }
-    let request = request_of(&stored.inputs)
+    let request = parse_request(&stored.inputs)
         .map_err(|_| Unreadable(format!("the inputs of {}", stored.inputs.job.id)))?;
-    let since = current_since(stored.ages);
+    let oldest_current_seq = stored.points_seq.oldest_current();
     let mut identification = None;
     let mut sessions: Vec<Session> = Vec::new();
     for row in stored.rows {
         match row.found.kind {
             VerificationKind::Identification => identification = Some(row),
             VerificationKind::Session => {
-                sessions.push(session(request.set.frame, since, row));
+                sessions.push(session(request.set.frame, oldest_current_seq, row));
             }
         }
     }
@@ -186,14 +185,14 @@ pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Unread
         identification.ok_or_else(|| Unreadable("no facts of the identification".into()))?;
     let (identification_seq, verify_set_seq) = (identified.seq, identified.scored_seq);
     let is_base_hidden = matches!(&request.verify, VerifySource::Set(set) if hides_base(request.set.frame, set.frame));
-    let is_outdated = verify_set_seq > 0 && verify_set_seq < since;
+    let is_outdated = verify_set_seq > 0 && verify_set_seq < oldest_current_seq;
     let identification = Verification {
-        evidence: shown_evidence(&identified.found, is_base_hidden || is_outdated),
+        evidence: effective_evidence(&identified.found, is_base_hidden || is_outdated),
         ..identified.found
     };
     let of_active = stored.active.iter().flat_map(|active| &active.uploads);
     let active_points: Vec<MeasurementSet> = of_active
-        .map(|upload| points_of_upload(&request, upload))
+        .map(|upload| parse_upload(&request, upload))
         .collect::<std::result::Result<_, _>>()?;
     let is_active_of_same_points = {
         let mut own = request.uploads().iter();
@@ -211,7 +210,7 @@ pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Unread
         verify_set_seq,
         is_verify_set_outdated: is_outdated,
         points_seq: identified.points_seq,
-        last_check: stored.last_check,
+        last_misfit: stored.last_misfit,
         content: parsed(&stored.content)?,
         active_points,
         is_active_of_same_points,
@@ -241,16 +240,18 @@ fn unscored(later: LaterSession) -> std::result::Result<UnscoredSession, Unreada
 pub async fn scored_sessions(store: &Store, set: &ParameterSetRow) -> Result<Vec<Session>> {
     let active = parameter_sets::active(store, &set.robot_id).await?;
     let other = active.filter(|active| active.id != set.id);
-    let since = current_since(ages(store, set, other.as_ref()).await?);
+    let points_seq = points_seq(store, set, other.as_ref()).await?;
+    let oldest_current_seq = points_seq.oldest_current();
     let rows = verifications::of_set(store, &set.id).await?;
     let (sessions, identified): (Vec<_>, Vec<_>) = rows
         .into_iter()
         .partition(|row| row.found.kind == VerificationKind::Session);
-    // If the facts of the identification are missing, the frame `base` is assumed: a session in the instrument's frame then counts as one
-    // that hides the base.
+    // Without the facts of the identification, the frame `base` is assumed. A session in the instrument's frame then hides the base.
     let frame = identified.first().map_or(Frame::Base, |row| row.frame);
     let sessions = sessions.into_iter();
-    Ok(sessions.map(|row| session(frame, since, row)).collect())
+    Ok(sessions
+        .map(|row| session(frame, oldest_current_seq, row))
+        .collect())
 }
 
 /// Whether an upload repeats the points of a session that the set was identified from. Such an upload was not measured later.
@@ -259,11 +260,11 @@ pub fn repeats_own_upload(
     upload: &MeasurementSetInput,
 ) -> std::result::Result<bool, Unreadable> {
     let request = &parsed.request;
-    let set = points_of_upload(request, upload)?;
+    let set = parse_upload(request, upload)?;
     Ok(repeats(&request.robot, request.uploads(), &set))
 }
 
-fn points_of_upload(
+fn parse_upload(
     request: &CalibrationRequest,
     upload: &MeasurementSetInput,
 ) -> std::result::Result<MeasurementSet, Unreadable> {
@@ -272,8 +273,9 @@ fn points_of_upload(
         .map_err(|_| Unreadable(format!("the upload {}", upload.row.id)))
 }
 
-/// A session from its facts. `frame` is that of the points that the set was identified from; `since` as [`current_since`] returns it.
-pub fn session(frame: Frame, since: i64, row: VerificationRow) -> Session {
+/// A session from its facts. `frame` is that of the points that the set was identified from. `oldest_current_seq` is
+/// [`PointsSeq::oldest_current`].
+pub fn session(frame: Frame, oldest_current_seq: i64, row: VerificationRow) -> Session {
     let is_base_hidden = hides_base(frame, row.frame);
     Session {
         job_id: row.job_id,
@@ -281,10 +283,10 @@ pub fn session(frame: Frame, since: i64, row: VerificationRow) -> Session {
         seq: row.seq,
         is_base_hidden,
         measured_seq: row.scored_seq,
-        is_outdated: row.scored_seq < since,
+        is_outdated: row.scored_seq < oldest_current_seq,
         is_evidence: row.found.evidence != Evidence::None,
         verification: Verification {
-            evidence: shown_evidence(&row.found, is_base_hidden),
+            evidence: effective_evidence(&row.found, is_base_hidden),
             ..row.found
         },
     }
@@ -339,7 +341,7 @@ pub fn compare_on_session(
     session: &Session,
     upload: &MeasurementSetInput,
 ) -> std::result::Result<Option<Comparison>, Unreadable> {
-    let set = points_of_upload(&parsed.request, upload)?;
+    let set = parse_upload(&parsed.request, upload)?;
     if repeats(&parsed.request.robot, &parsed.active_points, &set) {
         return Ok(None);
     }

@@ -5,8 +5,8 @@ use crate::calibration::{
     self, CalibrationReport, CalibrationRequest, Event, ReleasedSet, calibrate,
 };
 use crate::jobs::estimate::{estimate_json, stored_estimate};
-use crate::jobs::measured_since::measured_since;
-use crate::jobs::request::{insisted_on, points_of, requests_of};
+use crate::jobs::measurement_age::measurement_age;
+use crate::jobs::request::{insisted_on, parse_requests, parse_uploads};
 use crate::jobs::{JobFailure, JobInputs, JobOutcome, ParameterSetInput};
 use crate::release::facts::{FIT_DIVERGED, evidence_of, identification_facts, session_facts};
 use crate::release::independence::{is_another_session, is_verified_anew};
@@ -36,7 +36,7 @@ pub fn compute(
     inputs: &JobInputs,
     progress: &mut dyn FnMut(ProgressAnswer) -> ControlFlow<()>,
 ) -> Result<JobOutcome, JobFailure> {
-    let (body, request) = requests_of(inputs)?;
+    let (body, request) = parse_requests(inputs)?;
     if body.kind.scores() {
         return run_verification(&body, &request, inputs, progress);
     }
@@ -47,27 +47,27 @@ pub fn compute(
         )?,
         None => run_calibration(&request, progress)?,
     };
-    let another = is_verified_anew(&request, &points_of(&inputs.sources, &request)?);
-    let since = measured_since(inputs, &request);
-    let facts = |report: &Report| identification_facts(&request, report, another, since);
+    let another = is_verified_anew(&request, &parse_uploads(&inputs.sources, &request)?);
+    let age = measurement_age(inputs, &request);
+    let facts = |report: &Report| identification_facts(&request, report, another, age);
     let outcome = outcome(inputs, &calibrated, another, facts)?;
     let content = calibrated.parameters();
     Ok(JobOutcome {
         parameter_set: Some(NewParameterSet {
-            body_json: serde_json::to_string(&content).map_err(JobFailure::broken)?,
-            sha256: content.sha256().map_err(JobFailure::broken)?,
-            estimate_json: estimate_json(&calibrated.core, inputs).map_err(JobFailure::broken)?,
+            body_json: serde_json::to_string(&content).map_err(JobFailure::internal)?,
+            sha256: content.sha256().map_err(JobFailure::internal)?,
+            estimate_json: estimate_json(&calibrated.core, inputs).map_err(JobFailure::internal)?,
         }),
         residual_network: residual_network_file(&calibrated.core)?
             .filter(|_| request.refused_as.is_none())
             .map(NewNetwork::try_from)
             .transpose()
-            .map_err(JobFailure::broken)?,
+            .map_err(JobFailure::internal)?,
         network: calibrated
             .network
             .map(NewNetwork::try_from)
             .transpose()
-            .map_err(JobFailure::broken)?,
+            .map_err(JobFailure::internal)?,
         ..outcome
     })
 }
@@ -86,14 +86,14 @@ fn outcome(
             is_another_session,
             insisted_on(inputs),
         )
-        .map_err(JobFailure::broken)?;
+        .map_err(JobFailure::internal)?;
     report.measured_at = inputs.measured_at();
-    let report_json = serde_json::to_string(&report).map_err(JobFailure::broken)?;
+    let report_json = serde_json::to_string(&report).map_err(JobFailure::internal)?;
     Ok(JobOutcome {
-        summary_json: summary_json(&report_json).map_err(JobFailure::broken)?,
+        summary_json: summary_json(&report_json).map_err(JobFailure::internal)?,
         report_json: report_json.into(),
         convergence_json: serde_json::to_string(&calibrated.convergence())
-            .map_err(JobFailure::broken)?
+            .map_err(JobFailure::internal)?
             .into(),
         verification: Some(facts(&report)),
         parameter_set: None,
@@ -113,12 +113,12 @@ fn held_values(
         return Ok(None);
     }
     let (Some(input), Some(session)) = (&inputs.parameter_set, &request.previous) else {
-        return Err(JobFailure::broken(
+        return Err(JobFailure::internal(
             "a partial recalibration without its parameter set",
         ));
     };
     let content: ParameterSetContent =
-        serde_json::from_str(&input.row.body_json).map_err(JobFailure::broken)?;
+        serde_json::from_str(&input.row.body_json).map_err(JobFailure::internal)?;
     Ok(Some(Held {
         links: content.kinematic_links(),
         session: session.clone(),
@@ -140,25 +140,26 @@ pub(super) fn run_verification(
         .as_ref()
         .map(parse)
         .transpose()
-        .map_err(JobFailure::broken)?
+        .map_err(JobFailure::internal)?
         .map(|content| content.identified_robot(None));
     let checked = identified.as_ref().filter(|_| body.kind == Kind::Check);
-    let kept = inputs.parameter_set.as_ref().filter(|_| checked.is_some());
-    let kept = kept.and_then(|input| input.estimate_json.as_deref());
-    let estimate = stored_estimate(kept, &inputs.robot, None).map_err(JobFailure::broken)?;
+    let estimate_json = inputs.parameter_set.as_ref().filter(|_| checked.is_some());
+    let estimate_json = estimate_json.and_then(|input| input.estimate_json.as_deref());
+    let estimate =
+        stored_estimate(estimate_json, &inputs.robot, None).map_err(JobFailure::internal)?;
     let identified_from = match &inputs.parameter_set {
-        Some(input) => points_of(input.sets.iter().chain(&input.sources), request)?,
+        Some(input) => parse_uploads(input.sets.iter().chain(&input.sources), request)?,
         None => vec![],
     };
     let another = is_another_session(&request.robot, &request.set, &identified_from);
-    let since = measured_since(inputs, request);
+    let age = measurement_age(inputs, request);
     let scored = |monitor: &mut calibration::Monitor<'_>| match checked {
         Some(robot) => {
             let released = ReleasedSet {
                 robot,
                 estimate: estimate.as_ref(),
                 after: body.after,
-                is_measured_anew: another && !since.is_repeat,
+                is_measured_anew: another && !age.is_repeat,
                 is_insisted_on: insisted_on(inputs).is_some(),
             };
             calibration::check_released(request, &released, monitor)
@@ -166,7 +167,7 @@ pub(super) fn run_verification(
         None => calibration::verify(request, identified.as_ref(), monitor),
     };
     let calibrated = run_timed(&scored, progress)?;
-    let facts = |report: &Report| session_facts(request, report, since);
+    let facts = |report: &Report| session_facts(request, report, age);
     outcome(inputs, &calibrated, another, facts)
 }
 
@@ -289,7 +290,7 @@ fn run_timed(
         .filter(|_| is_usable(&core))
         .map(safetensors::write)
         .transpose()
-        .map_err(JobFailure::broken)?;
+        .map_err(JobFailure::internal)?;
     Ok(Calibrated {
         core,
         network,
@@ -326,7 +327,7 @@ fn residual_network_file(core: &CalibrationReport) -> Result<Option<StoredNetwor
     };
     safetensors::write_residual(network, origin)
         .map(Some)
-        .map_err(JobFailure::broken)
+        .map_err(JobFailure::internal)
 }
 
 /// Measures how long stages take.

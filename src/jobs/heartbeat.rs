@@ -26,7 +26,7 @@ pub(super) enum ShutdownStage {
 
 /// Why a computation was asked to stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Stop {
+pub(super) enum StopReason {
     /// Cancellation of the job was requested.
     Cancelled,
     ShuttingDown,
@@ -39,7 +39,7 @@ pub(super) enum Stop {
 #[derive(Debug, Default)]
 pub(super) struct Control {
     progress: Mutex<Option<ProgressAnswer>>,
-    stop: OnceLock<Stop>,
+    stop: OnceLock<StopReason>,
     stop_requested: Notify,
 }
 
@@ -55,19 +55,19 @@ impl Control {
     }
 
     /// Asks the computation to stop. The first reason counts.
-    pub(super) fn stop(&self, reason: Stop) {
+    pub(super) fn stop(&self, reason: StopReason) {
         let _ = self.stop.set(reason);
         self.stop_requested.notify_one();
     }
 
-    /// Resolves when the computation was asked to stop because of a cancellation. Only one task may wait.
+    /// Resolves when the job was cancelled. Only one task may wait, because `notify_one` wakes only one.
     pub(super) async fn cancelled(&self) {
-        while self.stopped() != Some(Stop::Cancelled) {
+        while self.stop_reason() != Some(StopReason::Cancelled) {
             self.stop_requested.notified().await;
         }
     }
 
-    pub(super) fn stopped(&self) -> Option<Stop> {
+    pub(super) fn stop_reason(&self) -> Option<StopReason> {
         self.stop.get().copied()
     }
 
@@ -88,7 +88,7 @@ pub(super) struct RenewedLease {
 }
 
 impl RenewedLease {
-    pub(super) fn new(renewal: Renewal) -> RenewedLease {
+    pub(super) fn new(renewal: LeaseRenewal) -> RenewedLease {
         RenewedLease {
             control: Arc::clone(&renewal.control),
             task: tokio::spawn(renewal.run()),
@@ -113,23 +113,23 @@ impl RenewedLease {
 
 impl Drop for RenewedLease {
     fn drop(&mut self) {
-        self.control.stop(Stop::LeaseLost);
+        self.control.stop(StopReason::LeaseLost);
         self.task.abort();
     }
 }
 
 /// The heartbeat of one attempt.
-pub(super) struct Renewal {
+pub(super) struct LeaseRenewal {
     pub(super) store: Store,
     pub(super) lease: Lease,
     pub(super) duration: Duration,
     pub(super) control: Arc<Control>,
     pub(super) signals: JobSignals,
     pub(super) cancellations: Cancellations,
-    pub(super) drain: watch::Receiver<ShutdownStage>,
+    pub(super) shutdown_stage: watch::Receiver<ShutdownStage>,
 }
 
-impl Renewal {
+impl LeaseRenewal {
     /// Renews the lease until it is lost. If the database does not answer, retries until the lease has expired.
     async fn run(mut self) {
         let tick = PROGRESS_EVERY.min(self.duration / 4);
@@ -163,17 +163,17 @@ impl Renewal {
             attempt = self.lease.attempt,
             "lease lost"
         );
-        self.control.stop(Stop::LeaseLost);
+        self.control.stop(StopReason::LeaseLost);
     }
 
     /// Waits for the next tick; true if the lease should be renewed at once.
     async fn wait(&mut self, tick: Duration) -> bool {
-        let stopping = self.control.stopped().is_some();
+        let stopping = self.control.stop_reason().is_some();
         tokio::select! {
             () = sleep(tick) => false,
             () = self.cancellations.next() => true,
-            () = shutdown_reached(&mut self.drain, ShutdownStage::StopComputing), if !stopping => {
-                self.control.stop(Stop::ShuttingDown);
+            () = shutdown_reached(&mut self.shutdown_stage, ShutdownStage::StopComputing), if !stopping => {
+                self.control.stop(StopReason::ShuttingDown);
                 false
             }
         }
@@ -189,7 +189,7 @@ impl Renewal {
         )
         .await?;
         if renewal.cancel_requested {
-            self.control.stop(Stop::Cancelled);
+            self.control.stop(StopReason::Cancelled);
         }
         if progress.is_some() {
             self.signals.job_changed(&self.lease.job_id);
@@ -200,10 +200,10 @@ impl Renewal {
 
 /// Resolves when the shutdown has reached this stage.
 pub(super) async fn shutdown_reached(
-    drain: &mut watch::Receiver<ShutdownStage>,
+    shutdown_stage: &mut watch::Receiver<ShutdownStage>,
     stage: ShutdownStage,
 ) {
-    if drain.wait_for(|now| *now >= stage).await.is_err() {
+    if shutdown_stage.wait_for(|now| *now >= stage).await.is_err() {
         std::future::pending().await
     }
 }

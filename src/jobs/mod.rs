@@ -11,7 +11,7 @@ pub mod estimate;
 pub mod evidence;
 pub mod execution;
 mod heartbeat;
-mod measured_since;
+mod measurement_age;
 mod pool;
 mod progress;
 pub mod queue;

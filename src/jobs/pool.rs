@@ -17,7 +17,7 @@ use crate::store::{Store, jobs};
 /// expired.
 #[derive(Debug)]
 pub struct WorkerPool {
-    drain: Arc<watch::Sender<ShutdownStage>>,
+    shutdown_stage: Arc<watch::Sender<ShutdownStage>>,
     tasks: JoinSet<()>,
 }
 
@@ -54,28 +54,31 @@ impl WorkerPool {
             max_attempts,
             max_duration,
         } = rules;
-        let drain = Arc::new(watch::Sender::new(ShutdownStage::Running));
+        let shutdown_stage = Arc::new(watch::Sender::new(ShutdownStage::Running));
         let run_alone = Arc::new(RunAlone::new(lease));
         let mut tasks = JoinSet::new();
         for _ in 0..n_workers {
             let context = WorkerContext {
-                drain: Arc::clone(&drain),
+                shutdown_stage: Arc::clone(&shutdown_stage),
                 run_alone: Arc::clone(&run_alone),
                 max_duration,
                 ..WorkerContext::new(compute, lease, signals.clone())
             };
-            tasks.spawn(work(store.clone(), context));
+            tasks.spawn(run_worker(store.clone(), context));
         }
         let every = SWEEP_INTERVAL.min(lease / 2).max(Duration::from_millis(1));
-        tasks.spawn(sweep(
+        tasks.spawn(run_sweep(
             store,
             max_attempts,
             signals,
             every,
             (n_workers > 0).then_some(run_alone),
-            drain.subscribe(),
+            shutdown_stage.subscribe(),
         ));
-        WorkerPool { drain, tasks }
+        WorkerPool {
+            shutdown_stage,
+            tasks,
+        }
     }
 
     /// Claims no more jobs and lets computations finish. Those that still run shortly before the deadline are stopped, and their jobs go back to
@@ -102,8 +105,8 @@ impl WorkerPool {
             ),
         ];
         for (stage, until) in stages {
-            self.drain.send_replace(stage);
-            if timeout_at(until, self.all_ended()).await.is_ok() {
+            self.shutdown_stage.send_replace(stage);
+            if timeout_at(until, self.wait_for_tasks()).await.is_ok() {
                 return;
             }
         }
@@ -112,30 +115,29 @@ impl WorkerPool {
         );
     }
 
-    async fn all_ended(&mut self) {
+    async fn wait_for_tasks(&mut self) {
         while self.tasks.join_next().await.is_some() {}
     }
 }
 
-async fn work(store: Store, context: WorkerContext) {
-    let mut drain = context.drain.subscribe();
-    while *drain.borrow() == ShutdownStage::Running {
+async fn run_worker(store: Store, context: WorkerContext) {
+    let mut shutdown_stage = context.shutdown_stage.subscribe();
+    while *shutdown_stage.borrow() == ShutdownStage::Running {
         match run_next_job(&store, &context).await {
-            // Continues at once if another job is queued. A read finds this out, because a claim takes the database's only writer even if
-            // no job is queued.
+            // Continues at once if another job is queued. A read checks this first, because a claim takes SQLite's only writer.
             Ok(Some(_)) if jobs::any_queued(&store).await.unwrap_or(true) => {}
             Ok(_) => {
                 tokio::select! {
                     () = context.signals.enqueued() => {}
                     () = sleep(POLL_INTERVAL) => {}
-                    () = shutdown_reached(&mut drain, ShutdownStage::StopClaiming) => {}
+                    () = shutdown_reached(&mut shutdown_stage, ShutdownStage::StopClaiming) => {}
                 }
             }
             Err(error) => {
                 tracing::warn!(error = %error.cause(), "no job could be claimed; trying again");
                 let _ = timeout(
                     POLL_INTERVAL,
-                    shutdown_reached(&mut drain, ShutdownStage::StopClaiming),
+                    shutdown_reached(&mut shutdown_stage, ShutdownStage::StopClaiming),
                 )
                 .await;
             }
@@ -143,13 +145,13 @@ async fn work(store: Store, context: WorkerContext) {
     }
 }
 
-async fn sweep(
+async fn run_sweep(
     store: Store,
     max_attempts: u32,
     signals: JobSignals,
     every: Duration,
     run_alone: Option<Arc<RunAlone>>,
-    mut drain: watch::Receiver<ShutdownStage>,
+    mut shutdown_stage: watch::Receiver<ShutdownStage>,
 ) {
     let mut ticks = interval(every);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -157,7 +159,7 @@ async fn sweep(
     loop {
         tokio::select! {
             _ = ticks.tick() => {}
-            () = shutdown_reached(&mut drain, ShutdownStage::StopClaiming) => return,
+            () = shutdown_reached(&mut shutdown_stage, ShutdownStage::StopClaiming) => return,
         }
         if let Err(error) = queue::expire(&store, max_attempts, &signals).await {
             tracing::warn!(error = %error.cause(), "expired leases could not be searched for; trying again");
@@ -165,11 +167,11 @@ async fn sweep(
         if let Some(run_alone) = &run_alone {
             // On an error the next tick tries again.
             if let Ok(any) = jobs::any_suspect_queued(&store).await {
-                run_alone.suspects_wait(any);
+                run_alone.set_suspects_queued(any);
             }
         }
         if cleaned_up.is_none_or(|at| at.elapsed() >= KEY_CLEANUP_INTERVAL) {
-            match store.forget_old_keys().await {
+            match store.delete_expired_keys().await {
                 Ok(()) => cleaned_up = Some(Instant::now()),
                 Err(error) => {
                     tracing::warn!(error = %error.cause(), "old Idempotency-Keys could not be deleted; trying again")

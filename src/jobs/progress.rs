@@ -116,7 +116,7 @@ impl Cancellations {
     }
 }
 
-/// Resolves at such a signal, or if one may have been missed.
+/// Resolves at the next signal for which `is_meant` is true, or if signals were lost.
 async fn next_signal(
     signals: &mut broadcast::Receiver<Signal>,
     is_meant: impl Fn(&Signal) -> bool,

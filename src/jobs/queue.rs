@@ -97,10 +97,10 @@ async fn finish(tx: &mut Tx, lease: &Lease, outcome: &JobOutcome) -> Result<()> 
 /// Fails a job. If the reason is that its points do not fit one robot, this is also recorded as a fact about the robot.
 async fn fail(tx: &mut Tx, lease: &Lease, problem: &Problem) -> Result<()> {
     robots::lock_of_job(tx, &lease.job_id).await?;
-    let check_seq = verifications::check_of_job(tx, &lease.job_id)
+    let misfit_seq = verifications::robot_counters_of_job(tx, &lease.job_id)
         .await?
-        .check_seq;
-    let found = failure_facts(&problem.code, check_seq);
+        .misfit_seq;
+    let found = failure_facts(&problem.code, misfit_seq);
     if leases::fail(tx, lease, &problem_json(problem)).await?
         && let Some(found) = &found
     {
@@ -112,8 +112,10 @@ async fn fail(tx: &mut Tx, lease: &Lease, problem: &Problem) -> Result<()> {
 /// Stores a job's facts about a parameter set, and the change of the robot's state that follows from them. The transaction must have locked the
 /// robot's row.
 pub async fn record_facts(tx: &mut Tx, job_id: &str, found: &Verification) -> Result<()> {
-    let check_seq = verifications::check_of_job(tx, job_id).await?.check_seq;
-    let found = facts_at_end(found, check_seq);
+    let misfit_seq = verifications::robot_counters_of_job(tx, job_id)
+        .await?
+        .misfit_seq;
+    let found = facts_at_end(found, misfit_seq);
     let Some(row) = verifications::insert(tx, job_id, &found).await? else {
         return Ok(());
     };

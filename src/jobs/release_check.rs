@@ -36,8 +36,8 @@ pub struct ReleaseRequest {
     pub purpose: Purpose,
 }
 
-/// Purpose of a release check. A superseded set that is released again must pass all gates. For a rollback, `improved_on_active`, `change_plausible`
-/// and `orientation_known` only warn; so does `scored_on_later_sessions`, unless that session found a change.
+/// Purpose of a release check. A superseded set that is released again must pass all gates. In a rollback these gates only warn:
+/// `improved_on_active`, `change_plausible`, `orientation_known`, and `scored_on_later_sessions` unless that session found a change.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Purpose {
     /// The set becomes the active one.
@@ -118,8 +118,8 @@ struct GateInputs {
     /// `None` for an unknown key.
     uploaders: Vec<Option<KeyHolder>>,
     approver: KeyHolder,
-    /// Code of the suspicion that was overridden with `insist`, for an upload on which its held values or its residual network are based.
-    insisted_source: Option<String>,
+    /// [`StoredFacts::insisted_on`].
+    insisted_on: Option<String>,
     /// A withdrawn parameter set whose values this set holds, or which is equivalent to this set ([`equivalent_withdrawn_set`]).
     withdrawn_source: Option<WithdrawnSource>,
 }
@@ -143,10 +143,14 @@ pub async fn check(
         sets.push(measurement_sets::get(store, id).await?);
     }
     let mut uploaders: Vec<_> = sets.iter().map(|set| set.uploaded_by.clone()).collect();
-    let mut insisted_source = None;
+    let mut insisted_on = sets.iter().find_map(|set| set.insisted_on.clone());
+    if let Some(id) = &job.verify_set_id {
+        let verify_set = measurement_sets::get(store, id).await?;
+        insisted_on = insisted_on.or(verify_set.insisted_on);
+    }
     for upload in job_sources::uploads(store, &job.id).await? {
         let source = measurement_sets::get(store, &upload.measurement_set_id).await?;
-        insisted_source = insisted_source.or(source.insisted_on);
+        insisted_on = insisted_on.or(source.insisted_on);
         if upload.is_held {
             uploaders.push(source.uploaded_by);
         }
@@ -201,13 +205,13 @@ pub async fn check(
             let of_sessions = rows
                 .iter()
                 .filter(|row| row.found.kind == VerificationKind::Session);
-            let ages = rows.iter().map(|row| row.scored_seq);
+            let scored_seqs = rows.iter().map(|row| row.scored_seq);
             Some(WithdrawnSource {
                 id,
                 scored_sets: of_sessions
                     .map(|row| row.measurement_set_id.clone())
                     .collect(),
-                scored_seq: ages.filter(|seq| *seq > 0).collect(),
+                scored_seq: scored_seqs.filter(|seq| *seq > 0).collect(),
             })
         }
     };
@@ -224,7 +228,7 @@ pub async fn check(
         sets,
         uploaders: holders,
         approver: key_holder(store, approver.clone()).await?,
-        insisted_source,
+        insisted_on,
         withdrawn_source,
     };
     let decision = blocking::run(permit, move || {
@@ -317,8 +321,8 @@ async fn compare(
     Ok(comparisons)
 }
 
-/// The first later session on which the set was not scored. Copies of the set's own upload are skipped. If the limit was reached and all
-/// sessions read are copies, the last one counts, because others may not have been read. Reads one upload at a time.
+/// The first later session on which the set was not scored. Copies of the set's own upload are skipped. If [`MAX_LATER`] sessions were read and
+/// all are copies, the last one counts, because there may be further sessions. Reads one upload at a time.
 async fn unscored_session(
     store: &Store,
     permit: &(impl Clone + Send + 'static),
@@ -348,7 +352,7 @@ fn run_gates(
         sets,
         uploaders,
         approver,
-        insisted_source,
+        insisted_on,
         withdrawn_source,
     } = inputs;
     let unreadable = |cause: String| Unreadable(format!("robot {}: {cause}", robot.id));
@@ -357,13 +361,13 @@ fn run_gates(
     let stored = StoredFacts {
         robot: &Robot::try_from(&body).map_err(|error| unreadable(error.to_string()))?,
         check_job_id: robot.check_job_id.as_deref(),
-        last_check: parsed.last_check.as_ref(),
+        last_misfit: parsed.last_misfit.as_ref(),
         checked_seq: robot.checked_seq,
         identification: &parsed.identification,
         identification_seq: parsed.identification_seq,
         sessions: &parsed.sessions,
         has_other_joint_map: request.set.joint_map_version != robot.joint_map_version,
-        insisted_source: insisted_source.as_deref(),
+        insisted_on: insisted_on.as_deref(),
         policy: &policy.body(rule_in_force(policy.decision_rule, policy.version > 0)),
         report: &parsed.report,
     };

@@ -3,7 +3,7 @@
 use crate::calibration::reference::InstrumentScale;
 use crate::calibration::request::PreviousSession;
 use crate::calibration::{CalibrationRequest, HeldOut};
-use crate::jobs::estimate::{as_one, stored_estimate};
+use crate::jobs::estimate::{joined_sessions, stored_estimate};
 use crate::jobs::{JobFailure, JobInputs, MeasurementSetInput};
 use crate::wire::frames::FramesContent;
 use crate::wire::job::{JobParts, JobRequestBody, Kind};
@@ -16,19 +16,19 @@ use crate::wire::{Invalid, Problem, json, safetensors};
 ///
 /// # Errors
 /// [`JobFailure::Failed`] if a stored document cannot be read.
-pub fn request_of(inputs: &JobInputs) -> Result<CalibrationRequest, JobFailure> {
-    requests_of(inputs).map(|(_, request)| request)
+pub fn parse_request(inputs: &JobInputs) -> Result<CalibrationRequest, JobFailure> {
+    parse_requests(inputs).map(|(_, request)| request)
 }
 
 /// The request as it was posted, and the core's request.
-pub(super) fn requests_of(
+pub(super) fn parse_requests(
     inputs: &JobInputs,
 ) -> Result<(JobRequestBody, CalibrationRequest), JobFailure> {
     let posted: JobRequestBody =
-        json::parse(inputs.job.request_json.as_bytes()).map_err(JobFailure::broken)?;
+        json::parse(inputs.job.request_json.as_bytes()).map_err(JobFailure::internal)?;
     let body: RobotBody =
-        json::parse(inputs.robot.body_json.as_bytes()).map_err(JobFailure::broken)?;
-    let robot = Robot::try_from(&body).map_err(JobFailure::broken)?;
+        json::parse(inputs.robot.body_json.as_bytes()).map_err(JobFailure::internal)?;
+    let robot = Robot::try_from(&body).map_err(JobFailure::internal)?;
     let n_joints = robot.links.len();
     let frames = inputs
         .frames
@@ -46,20 +46,20 @@ pub(super) fn requests_of(
         sets: inputs
             .sets
             .iter()
-            .map(|set| set.parse(n_joints).map_err(JobFailure::broken))
+            .map(|set| set.parse(n_joints).map_err(JobFailure::internal))
             .collect::<Result<_, _>>()?,
         verify_set: inputs
             .verify_set
             .as_ref()
             .map(|set| set.parse(n_joints))
             .transpose()
-            .map_err(JobFailure::broken)?,
+            .map_err(JobFailure::internal)?,
         frames: frames
             .transpose()
-            .map_err(JobFailure::broken)?
+            .map_err(JobFailure::internal)?
             .map(|content| (&content).into()),
-        network: network.transpose().map_err(JobFailure::broken)?,
-        residual_network: residual_network.transpose().map_err(JobFailure::broken)?,
+        network: network.transpose().map_err(JobFailure::internal)?,
+        residual_network: residual_network.transpose().map_err(JobFailure::internal)?,
         previous: previous_session(&posted, inputs, n_joints),
         robot,
     };
@@ -82,7 +82,7 @@ fn instrument_scale(inputs: &JobInputs) -> Result<Option<InstrumentScale>, JobFa
     let mut scales = Vec::new();
     for row in &inputs.references {
         let body: ReferenceBody =
-            serde_json::from_str(&row.content_json).map_err(JobFailure::broken)?;
+            serde_json::from_str(&row.content_json).map_err(JobFailure::internal)?;
         scales.extend(body.scale());
     }
     let of_one_mm = |scale: &InstrumentScale| scale.std_mm(1.0);
@@ -118,7 +118,7 @@ fn previous_session(
         .ok()?;
     let uploads = input.sets.iter().map(|set| set.parse(n_joints));
     let uploads: Result<Vec<_>, _> = uploads.collect();
-    let set = as_one(uploads.ok()?)?;
+    let set = joined_sessions(uploads.ok()?)?;
     let model = request.model_for(inputs.sets.first()?.row.frame);
     let estimate =
         stored_estimate(input.estimate_json.as_deref(), &inputs.robot, Some(model)).ok()?;
@@ -130,14 +130,14 @@ fn previous_session(
 }
 
 /// The points of uploads that were measured on the request's robot.
-pub(super) fn points_of<'a>(
+pub(super) fn parse_uploads<'a>(
     uploads: impl IntoIterator<Item = &'a MeasurementSetInput>,
     request: &CalibrationRequest,
 ) -> Result<Vec<MeasurementSet>, JobFailure> {
     let n_joints = request.robot.links.len();
     let uploads = uploads.into_iter();
     uploads
-        .map(|input| input.parse(n_joints).map_err(JobFailure::broken))
+        .map(|input| input.parse(n_joints).map_err(JobFailure::internal))
         .collect()
 }
 

@@ -50,27 +50,27 @@ impl RunAlone {
     }
 
     /// A permit to run alone if no job runs now.
-    pub(super) async fn alone_now(&self) -> Option<Permit> {
+    pub(super) async fn try_alone(&self) -> Option<Permit> {
         timeout(CLAIM_TIMEOUT, self.alone()).await.ok()
     }
 
     /// Records whether suspects are queued.
-    pub(super) fn suspects_wait(&self, any: bool) {
-        let mut since = self.since();
+    pub(super) fn set_suspects_queued(&self, any: bool) {
+        let mut since = self.suspects_since();
         *since = any.then(|| since.unwrap_or_else(Instant::now));
     }
 
     /// Whether a suspect has waited long enough.
     pub(super) fn suspect_is_due(&self) -> bool {
-        self.since()
+        self.suspects_since()
             .is_some_and(|since| since.elapsed() >= self.suspect_wait)
     }
 
-    pub(super) fn suspect_was_run(&self) {
-        *self.since() = None;
+    pub(super) fn suspect_started(&self) {
+        *self.suspects_since() = None;
     }
 
-    fn since(&self) -> std::sync::MutexGuard<'_, Option<Instant>> {
+    fn suspects_since(&self) -> std::sync::MutexGuard<'_, Option<Instant>> {
         self.suspects_since
             .lock()
             .unwrap_or_else(PoisonError::into_inner)

@@ -7,7 +7,9 @@ use tokio::sync::watch;
 use tokio::task::{JoinError, JoinHandle};
 use tokio::time::{Instant, timeout};
 
-use super::heartbeat::{Control, Renewal, RenewedLease, ShutdownStage, Stop, shutdown_reached};
+use super::heartbeat::{
+    Control, LeaseRenewal, RenewedLease, ShutdownStage, StopReason, shutdown_reached,
+};
 use super::queue::{self, AttemptEnd};
 use super::run_alone::{Permit, RunAlone};
 use super::{Compute, JobFailure, JobInputs, JobOutcome, JobSignals};
@@ -31,7 +33,7 @@ pub struct WorkerContext {
     pub max_duration: Duration,
     /// Signals that the worker sends and receives.
     pub signals: JobSignals,
-    pub(super) drain: Arc<watch::Sender<ShutdownStage>>,
+    pub(super) shutdown_stage: Arc<watch::Sender<ShutdownStage>>,
     /// Shared by the workers of a process.
     pub(super) run_alone: Arc<RunAlone>,
 }
@@ -46,7 +48,7 @@ impl WorkerContext {
             lease,
             max_duration: Duration::MAX,
             signals,
-            drain: Arc::new(watch::Sender::new(ShutdownStage::Running)),
+            shutdown_stage: Arc::new(watch::Sender::new(ShutdownStage::Running)),
             run_alone: Arc::new(RunAlone::new(lease)),
         }
     }
@@ -69,16 +71,16 @@ struct Claimed {
 /// Claims the next job that this process may run now. Suspects come last, unless they have waited long enough.
 async fn claim_next(store: &Store, context: &WorkerContext) -> Result<Option<Claimed>> {
     let run_alone = &context.run_alone;
-    let mut drain = context.drain.subscribe();
+    let mut shutdown_stage = context.shutdown_stage.subscribe();
     if run_alone.suspect_is_due() {
         let permit = tokio::select! {
             biased;
-            () = shutdown_reached(&mut drain, ShutdownStage::StopClaiming) => return Ok(None),
+            () = shutdown_reached(&mut shutdown_stage, ShutdownStage::StopClaiming) => return Ok(None),
             permit = run_alone.alone() => permit,
         };
         // Checked again: another worker of this process may have run the suspect meanwhile.
         if run_alone.suspect_is_due() {
-            run_alone.suspect_was_run();
+            run_alone.suspect_started();
             let claimed = claim(store, context, Eligible::Suspect, permit).await?;
             if claimed.is_some() {
                 return Ok(claimed);
@@ -87,14 +89,14 @@ async fn claim_next(store: &Store, context: &WorkerContext) -> Result<Option<Cla
     }
     let permit = tokio::select! {
         biased;
-        () = shutdown_reached(&mut drain, ShutdownStage::StopClaiming) => return Ok(None),
+        () = shutdown_reached(&mut shutdown_stage, ShutdownStage::StopClaiming) => return Ok(None),
         permit = run_alone.shared() => permit,
     };
     let claimed = claim(store, context, Eligible::Unsuspected, permit).await?;
     if claimed.is_some() || !jobs::any_suspect_queued(store).await? {
         return Ok(claimed);
     }
-    match run_alone.alone_now().await {
+    match run_alone.try_alone().await {
         Some(permit) => claim(store, context, Eligible::Suspect, permit).await,
         None => Ok(None),
     }
@@ -144,14 +146,14 @@ pub async fn run_next_job(store: &Store, context: &WorkerContext) -> Result<Opti
     let attempt = Attempt {
         store,
         context,
-        heartbeat: RenewedLease::new(Renewal {
+        heartbeat: RenewedLease::new(LeaseRenewal {
             store: store.clone(),
             lease: lease.clone(),
             duration: context.lease,
             control: Arc::default(),
             signals: context.signals.clone(),
             cancellations: context.signals.cancellations(&job_id),
-            drain: context.drain.subscribe(),
+            shutdown_stage: context.shutdown_stage.subscribe(),
         }),
         lease,
     };
@@ -197,7 +199,7 @@ impl Attempt<'_> {
         job: &JobRow,
         until: Instant,
     ) -> std::result::Result<JobInputs, AttemptEnd> {
-        let mut drain = self.context.drain.subscribe();
+        let mut shutdown_stage = self.context.shutdown_stage.subscribe();
         loop {
             let loaded = async {
                 let inputs = JobInputs::load_for(self.store, job.clone()).await?;
@@ -211,8 +213,8 @@ impl Attempt<'_> {
                 tracing::error!(job_id = job.id, error = %error.cause(), "the job's inputs cannot be read");
                 return Err(AttemptEnd::GaveUp);
             }
-            match self.control().stopped() {
-                Some(Stop::Cancelled) => return Err(AttemptEnd::Cancelled),
+            match self.control().stop_reason() {
+                Some(StopReason::Cancelled) => return Err(AttemptEnd::Cancelled),
                 None if Instant::now() < until => {}
                 // If the lease has expired meanwhile, the fencing condition refuses this write.
                 _ => return Err(AttemptEnd::HandedBack),
@@ -220,7 +222,7 @@ impl Attempt<'_> {
             tracing::warn!(job_id = job.id, error = %error.cause(), "the job's inputs could not be read; trying again");
             if timeout(
                 RETRY_AFTER,
-                shutdown_reached(&mut drain, ShutdownStage::StopComputing),
+                shutdown_reached(&mut shutdown_stage, ShutdownStage::StopComputing),
             )
             .await
             .is_ok()
@@ -237,14 +239,14 @@ impl Attempt<'_> {
         let mut thread = tokio::task::spawn_blocking(move || {
             function(&inputs, &mut |progress| thread_control.report(progress))
         });
-        let mut drain = self.context.drain.subscribe();
+        let mut shutdown_stage = self.context.shutdown_stage.subscribe();
         let ended = tokio::select! {
             result = &mut thread => {
                 self.end(self.ended(result)).await;
                 return None;
             }
-            () = shutdown_reached(&mut drain, ShutdownStage::Abandon) => AttemptEnd::HandedBack,
-            () = overdue(self.context.max_duration, control) => AttemptEnd::GaveUp,
+            () = shutdown_reached(&mut shutdown_stage, ShutdownStage::Abandon) => AttemptEnd::HandedBack,
+            () = time_limit_exceeded(self.context.max_duration, control) => AttemptEnd::GaveUp,
             () = cancelled_and_unresponsive(control) => AttemptEnd::Cancelled,
         };
         let job_id = &self.lease.job_id;
@@ -267,11 +269,11 @@ impl Attempt<'_> {
         match result {
             Ok(Ok(outcome)) => AttemptEnd::Finished(Box::new(outcome)),
             Ok(Err(JobFailure::Failed(problem))) => AttemptEnd::Failed(problem),
-            Ok(Err(JobFailure::Cancelled)) => match self.control().stopped() {
-                Some(Stop::Cancelled) => AttemptEnd::Cancelled,
-                Some(Stop::ShuttingDown) => AttemptEnd::HandedBack,
-                Some(Stop::LeaseLost) => AttemptEnd::LeaseLost,
-                Some(Stop::TooLong) => {
+            Ok(Err(JobFailure::Cancelled)) => match self.control().stop_reason() {
+                Some(StopReason::Cancelled) => AttemptEnd::Cancelled,
+                Some(StopReason::ShuttingDown) => AttemptEnd::HandedBack,
+                Some(StopReason::LeaseLost) => AttemptEnd::LeaseLost,
+                Some(StopReason::TooLong) => {
                     tracing::error!(
                         job_id,
                         "a computation was stopped: it exceeded the longest duration of an attempt"
@@ -334,10 +336,10 @@ impl Unresponsive {
             .max_duration
             .saturating_sub(self.begun.elapsed())
             .saturating_add(COMPUTATION_STOP_TIMEOUT);
-        let mut drain = context.drain.subscribe();
+        let mut shutdown_stage = context.shutdown_stage.subscribe();
         tokio::select! {
             _ = self.thread => {}
-            () = shutdown_reached(&mut drain, ShutdownStage::StopClaiming) => {}
+            () = shutdown_reached(&mut shutdown_stage, ShutdownStage::StopClaiming) => {}
             () = tokio::time::sleep(left) => tracing::error!(job_id, "{UNRESPONSIVE}"),
         }
     }
@@ -345,9 +347,9 @@ impl Unresponsive {
 
 /// Asks a computation to stop when its time is over; resolves if it has not stopped shortly afterwards. The thread cannot be ended, but the
 /// caller can end the attempt.
-async fn overdue(max_duration: Duration, control: &Control) {
+async fn time_limit_exceeded(max_duration: Duration, control: &Control) {
     tokio::time::sleep(max_duration).await;
-    control.stop(Stop::TooLong);
+    control.stop(StopReason::TooLong);
     tokio::time::sleep(COMPUTATION_STOP_TIMEOUT).await;
 }
 

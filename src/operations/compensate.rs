@@ -256,7 +256,7 @@ impl TargetFrame {
             });
         };
         let work_frame = body.fitting_work_frame("/frame")?;
-        let doubt = body.doubt(&work_frame);
+        let doubt = body.misfit_warning(&work_frame);
         let is_measuring = body.reference == WorkFrameReference::Measuring;
         let is_own = body.measurement_set_id.as_deref() == from.measurement_set_id;
         if is_measuring && !is_own && from.provenance.measuring_frame != Some(Frame::Base) {

@@ -35,14 +35,14 @@ impl ComparedRms {
     }
 }
 
-/// Two sets are equally good if their errors differ by less, mm: a tenth of a laser tracker's uncertainty over an arm's reach.
+/// Largest difference between the errors of two sets that count as equally good, mm: a tenth of a laser tracker's uncertainty over an arm's reach.
 pub const SAME_MM: f64 = 0.001;
-/// Largest share of the active set's error that counts as chance, however few the points are.
+/// Upper limit of the difference that counts as chance, as a share of the active set's error. It applies even with few points.
 const MAX_CHANCE_SHARE: f64 = 0.1;
-/// With fewer points their scatter is not known well enough; it then counts as 0.
-const MIN_FOR_SCATTER: usize = 12;
+/// Minimum number of points for an estimate of their scatter. With fewer points the scatter counts as 0.
+const MIN_POINTS_FOR_SCATTER: usize = 12;
 /// Points with errors above this multiple of the rms are left out of the scatter.
-const CLIPPED: f64 = 4.0;
+const MAX_ERROR_PER_RMS: f64 = 4.0;
 
 /// Points held out at the identification. A set is compared with the active one on them if there is no suitable session.
 #[derive(Clone, Debug, PartialEq)]
@@ -160,14 +160,14 @@ fn robust_rms(errors_mm: impl Iterator<Item = [f64; 3]>) -> ComparedRms {
     let errors_mm: Vec<[f64; 3]> = errors_mm.collect();
     let comparison = robust_comparison(&errors_mm);
     let (set_mm, active_mm) = (comparison.after_rms_mm, comparison.before_rms_mm);
-    let largest_mm = CLIPPED * set_mm.max(active_mm);
+    let largest_mm = MAX_ERROR_PER_RMS * set_mm.max(active_mm);
     let mut differences: Vec<f64> = errors_mm
         .iter()
         .map(|[active, links, corrected]| (*active, links.max(*corrected)))
         .filter(|(active, own)| active.max(*own) <= largest_mm)
         .map(|(active, own)| own * own - active * active)
         .collect();
-    if differences.len() < MIN_FOR_SCATTER {
+    if differences.len() < MIN_POINTS_FOR_SCATTER {
         differences.clear();
     }
     ComparedRms {

@@ -28,9 +28,9 @@ pub const FIT_DIVERGED: &str = "fit_diverged";
 
 /// When a job's points were measured, as far as the robot's other uploads show it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct MeasuredSince {
+pub struct MeasurementAge {
     /// Number of the last session that did not fit, in the robot's counter; 0 if there is none.
-    pub check_seq: i64,
+    pub misfit_seq: i64,
     /// Whether the points repeat uploads from before that session ([`crate::calibration::repeats`]), or this could not be decided.
     pub is_repeat: bool,
     /// Number in the audit chain of the upload in which the points appeared first; 0 if it is unknown ([`Verification::measured_seq`]).
@@ -60,13 +60,13 @@ pub fn evidence_of(
 
 /// The points from which an rms error is computed.
 #[derive(Clone, Copy, Debug)]
-struct Measured<'a> {
+struct ScoredPoints<'a> {
     set: &'a MeasurementSet,
     /// Number of base and target parameters that were fitted to these points.
     n_fitted: usize,
 }
 
-impl<'a> Measured<'a> {
+impl<'a> ScoredPoints<'a> {
     /// The points on which an identification was verified.
     fn of_identification(request: &'a CalibrationRequest) -> Self {
         match &request.verify {
@@ -104,7 +104,7 @@ impl<'a> Measured<'a> {
 
 /// Expanded uncertainty (95 %) of the rms of the set's errors on these points, mm. There are two such rms values: of the links, and of the links with
 /// corrections. The result is the larger upper end of their intervals minus the larger rms.
-fn after_expanded_mm(report: &Report, measured: Measured<'_>) -> Option<f64> {
+fn after_expanded_mm(report: &Report, measured: ScoredPoints<'_>) -> Option<f64> {
     let points: Vec<&PointReport> = counted(&report.per_point, Subset::Verify).collect();
     let errors_mm = errors_mm(&report.per_point, Subset::Verify);
     let numbers = measured.set.distinct_configurations();
@@ -137,7 +137,7 @@ pub fn identification_facts(
     request: &CalibrationRequest,
     report: &Report,
     is_verified_anew: bool,
-    since: MeasuredSince,
+    age: MeasurementAge,
 ) -> Verification {
     let is_misfit = has_warning(report, DOES_NOT_FIT);
     let is_measured = !has_warning(report, POSITIONS_COMPUTED);
@@ -155,7 +155,7 @@ pub fn identification_facts(
         before_rms_mm: Some(comparison.before_rms_mm),
         after_rms_mm: Some(comparison.after_rms_mm),
         after_expanded_mm: (n_points > 0)
-            .then(|| after_expanded_mm(report, Measured::of_identification(request)))
+            .then(|| after_expanded_mm(report, ScoredPoints::of_identification(request)))
             .flatten(),
         is_better: n_points > 0 && comparison.is_better(),
         fit: if is_misfit {
@@ -178,17 +178,17 @@ pub fn identification_facts(
             }
             _ => Evidence::SameUpload,
         },
-        is_repeat: since.is_repeat,
-        measured_seq: since.measured_seq,
+        is_repeat: age.is_repeat,
+        measured_seq: age.measured_seq,
         is_worse: false,
-        check_seq: since.check_seq,
+        misfit_seq: age.misfit_seq,
         uncertainty_mm: report.tool_uncertainty_mm.map(|tool| tool.max),
     }
 }
 
-/// Facts of a job that identified nothing and failed with this code because its points do not fit one robot. Older sets are not released
-/// until they are scored on these points. `None` if the code says nothing about the robot.
-pub fn failure_facts(code: &str, check_seq: i64) -> Option<Verification> {
+/// Facts of a job that failed with this code because its points do not fit one robot. Older sets are not released until they are scored on these
+/// points. `None` for a code that is not about the robot.
+pub fn failure_facts(code: &str, misfit_seq: i64) -> Option<Verification> {
     [SESSIONS_DIFFER, FIT_DIVERGED]
         .contains(&code)
         .then_some(Verification {
@@ -203,14 +203,14 @@ pub fn failure_facts(code: &str, check_seq: i64) -> Option<Verification> {
             is_repeat: false,
             measured_seq: 0,
             is_worse: false,
-            check_seq,
+            misfit_seq,
             uncertainty_mm: None,
         })
 }
 
 /// Different configurations among the points to verify.
 fn n_verified_configurations(request: &CalibrationRequest, report: &Report) -> usize {
-    let numbers = Measured::of_identification(request).set;
+    let numbers = ScoredPoints::of_identification(request).set;
     let numbers = numbers.distinct_configurations();
     let points = report.per_point.iter();
     let points = points.filter(|point| point.subset == Subset::Verify);
@@ -258,7 +258,7 @@ pub fn missing_misfit_warning(request: &CalibrationRequest, report: &Report) -> 
 pub fn session_facts(
     request: &CalibrationRequest,
     report: &Report,
-    since: MeasuredSince,
+    age: MeasurementAge,
 ) -> Verification {
     let comparison = comparison_on(report, Subset::Verify);
     let fit = if has_warning(report, DOES_NOT_FIT) {
@@ -289,25 +289,25 @@ pub fn session_facts(
         n_points: report.verify.map_or(0, |verify| verify.n_points),
         before_rms_mm: Some(comparison.before_rms_mm),
         after_rms_mm: Some(comparison.after_rms_mm),
-        after_expanded_mm: after_expanded_mm(report, Measured::of_session(request)),
+        after_expanded_mm: after_expanded_mm(report, ScoredPoints::of_session(request)),
         is_better: comparison.is_better(),
         fit,
         evidence,
-        is_repeat: since.is_repeat,
-        measured_seq: since.measured_seq,
+        is_repeat: age.is_repeat,
+        measured_seq: age.measured_seq,
         is_worse: [WORSE_THAN_IDENTIFIED, MISSES_SESSION]
             .iter()
             .any(|code| has_warning(report, code)),
-        check_seq: since.check_seq,
+        misfit_seq: age.misfit_seq,
         uncertainty_mm: None,
     }
 }
 
-/// The facts as they are stored when the job ends. `check_seq` is the robot's last session that did not fit at that time. If that session came after
-/// the job began, the points count as a repeat: they were not compared with the uploads from before it.
-pub fn facts_at_end(found: &Verification, check_seq: i64) -> Verification {
+/// The facts as they are stored when the job ends. `misfit_seq` is the robot's last session that did not fit at that time. If that session came
+/// after the job began, the points count as a repeat, because they were not compared with the uploads from before that session.
+pub fn facts_at_end(found: &Verification, misfit_seq: i64) -> Verification {
     Verification {
-        is_repeat: found.is_repeat || found.check_seq != check_seq,
+        is_repeat: found.is_repeat || found.misfit_seq != misfit_seq,
         ..found.clone()
     }
 }

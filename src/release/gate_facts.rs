@@ -12,7 +12,7 @@ use crate::wire::verification::{Fit, Verification};
 
 /// A robot's last session that did not fit it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct LastCheck {
+pub struct LastMisfit {
     /// Its number in the robot's counter.
     pub seq: i64,
     /// Its job.
@@ -56,7 +56,7 @@ pub struct StoredFacts<'a> {
     /// Job of the session that does not fit the robot, while the robot is in the state `check_robot`.
     pub check_job_id: Option<&'a str>,
     /// The last session that did not fit the robot, even if the state `check_robot` has ended.
-    pub last_check: Option<&'a LastCheck>,
+    pub last_misfit: Option<&'a LastMisfit>,
     /// Number of the robot's counter at its last `checked` request, whose reason explains all sessions up to then; 0 if there is none.
     pub checked_seq: i64,
     /// Verification facts of the job that identified the set.
@@ -67,8 +67,9 @@ pub struct StoredFacts<'a> {
     pub sessions: &'a [Session],
     /// Whether the set was identified with a joint map that the robot no longer has.
     pub has_other_joint_map: bool,
-    /// Code of the suspicion that was overridden with `insist`, for an upload on which its held values or its residual network are based.
-    pub insisted_source: Option<&'a str>,
+    /// Code of the suspicion that was overridden with `insist`, for an upload that the set depends on: one that was fitted or held out, or on which its
+    /// held values or its residual network are based.
+    pub insisted_on: Option<&'a str>,
     /// The robot's release policy.
     pub policy: &'a PolicyBody,
     /// Summary of the report of the job that identified the set, with the nominal model of that job. It is not a column. A list leaves it
@@ -97,7 +98,7 @@ pub struct Facts<'a> {
     pub is_withdrawn: bool,
     /// A withdrawn parameter set whose values this one holds, or that is equivalent to it on the same points.
     pub withdrawn_source: Option<&'a WithdrawnSource>,
-    /// Whether this is a rollback: the active set is withdrawn, and this set, which was released before, replaces it.
+    /// Whether this is a rollback: this set was released before, and replaces the active set, which is withdrawn.
     pub is_rollback: bool,
     /// Serial number of the robot.
     pub serial_number: Option<&'a str>,

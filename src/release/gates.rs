@@ -11,7 +11,7 @@ use crate::release::session_gates::{
 use crate::release::sessions::{Session, supports};
 use crate::release::texts::{errors_in_words, sessions};
 use crate::release::tolerance_gates::{errors_within_tolerance, uncertainty};
-use crate::release::verdict::{INSISTED, TOO_MANY_OUTLIERS};
+use crate::release::verdict::{TOO_MANY_OUTLIERS, insisted_warning};
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::release::Gate;
 use crate::wire::report_shape::{Evidence, SubsetReport};
@@ -19,15 +19,15 @@ use crate::wire::verification::Fit;
 use std::collections::BTreeMap;
 
 /// The robot counts as changed if the active set's error on new points is more than this many times the candidate's.
-const CHANGED: f64 = 3.0;
+const CHANGED_ERROR_RATIO: f64 = 3.0;
 
 /// Largest ratio of two lengths: the mean movement of the tool by the final fit, and the rms error of the verified fit (corrections
 /// included). The 64 simulated uploads of 25 and 60 poses in `docs/oracles/final_fit.py` have ratios from 0.31 to 1.58. A larger ratio
 /// shows that the two halves of the upload do not belong together.
-const MAX_MOVED: f64 = 2.0;
+const MAX_MOVED_PER_ERROR: f64 = 2.0;
 
 /// Largest ratio of the error of the instrument's scale at the arm's reach to the rms error on the verify points.
-const MAX_SCALE: f64 = 3.0;
+const MAX_SCALE_PER_ERROR: f64 = 3.0;
 
 /// Every gate, passed or not.
 pub fn gates(facts: &Facts<'_>) -> Vec<Gate> {
@@ -112,7 +112,7 @@ fn source_withdrawn(facts: &Facts<'_>) -> Option<Gate> {
         "the set holds or repeats values of {id}, which was withdrawn: a session on which that set was not scored must show that this set is right"
     );
     let is_shown = facts.evidence_without(withdrawn) == Evidence::IndependentSession;
-    Some(Gate::new("source_withdrawn", is_shown, detail).warned(true))
+    Some(Gate::new("source_withdrawn", is_shown, detail).with_warning(true))
 }
 
 fn verified(facts: &StoredFacts<'_>) -> Gate {
@@ -183,16 +183,16 @@ fn delivered_rms_mm(subset: &SubsetReport) -> f64 {
     subset.corrected.unwrap_or(subset.after).rms_mm
 }
 
-/// The verified errors are those of the fit to the identify subset. They hold for the delivered parameters only if these place the tool
-/// nearly where the verified fit does.
+/// The verified errors are those of the fit to the identify subset. They apply to the delivered parameters only if both place the tool nearly
+/// equally.
 fn final_fit(facts: &StoredFacts<'_>) -> Gate {
     let name = "final_fit_near_verified";
     let Some(last) = facts.report.final_fit else {
         // Without a final fit, only the uncertainty shows whether the points determine the position of the tool.
         let is_open = facts.report.tool_uncertainty_absent_because.is_some();
         let mut warnings = facts.report.warnings.iter();
-        return match warnings.find(|told| is_open && told.code == TOOL_UNCERTAIN) {
-            Some(told) => Gate::new(name, false, &*told.detail),
+        return match warnings.find(|warning| is_open && warning.code == TOOL_UNCERTAIN) {
+            Some(warning) => Gate::new(name, false, &*warning.detail),
             None => Gate::new(
                 name,
                 true,
@@ -212,7 +212,7 @@ fn final_fit(facts: &StoredFacts<'_>) -> Gate {
         "the final fit to all {n} points moves the tool by {moved_mm:.4} mm on average over the workspace; the error of the verified fit is \
          {verified_mm:.4} mm rms"
     );
-    match moved_mm <= MAX_MOVED * verified_mm + SAME_MM {
+    match moved_mm <= MAX_MOVED_PER_ERROR * verified_mm + SAME_MM {
         true => Gate::new(name, true, detail),
         false => Gate::new(
             name,
@@ -242,25 +242,19 @@ fn all_finite(content: &ParameterSetContent) -> Gate {
     Gate::new("all_finite", finite, "every number must be finite")
 }
 
-/// Refuses a set whose upload was accepted with `insist`. The schema's triggers enforce this too.
+/// Refuses a set that depends on an upload that was accepted with `insist`. The schema's triggers enforce this too.
 fn not_insisted(facts: &StoredFacts<'_>) -> Gate {
     let name = "upload_not_insisted";
-    let mut warnings = facts.report.warnings.iter();
-    let own = warnings.find(|warning| warning.code == INSISTED);
-    match (own, facts.insisted_source) {
-        (None, None) => Gate::new(name, true, "none of its uploads was insisted on"),
-        (Some(warning), _) => Gate::new(
-            name,
-            false,
-            format!("{}: measure again, or mend the file", warning.detail),
-        ),
-        (None, Some(code)) => Gate::new(
-            name,
-            false,
-            format!(
-                "its held values or residual network use an upload that was insisted on ({code}): identify all parameters, without that network"
-            ),
-        ),
+    match facts.insisted_on {
+        None => Gate::new(name, true, "none of its uploads was insisted on"),
+        Some(code) => {
+            let refused = insisted_warning(code).detail;
+            Gate::new(
+                name,
+                false,
+                format!("{refused}: measure again, or mend the file"),
+            )
+        }
     }
 }
 
@@ -274,7 +268,7 @@ fn fits(facts: &StoredFacts<'_>) -> Gate {
             true,
             "the file to verify on does not fit the robot, so it is no evidence about the set",
         )
-        .warned(true),
+        .with_warning(true),
         Fit::SetFarOff => Gate::new(
             "fits",
             false,
@@ -289,7 +283,7 @@ fn instrument_scale(facts: &StoredFacts<'_>) -> Option<Gate> {
     let reference = facts.report.reference.as_ref()?;
     let name = "instrument_scale";
     let mut warnings = facts.report.warnings.iter();
-    let Some(told) = warnings.find(|warning| warning.code == INSTRUMENT_SCALE) else {
+    let Some(warning) = warnings.find(|warning| warning.code == INSTRUMENT_SCALE) else {
         return Some(Gate::new(
             name,
             true,
@@ -297,8 +291,8 @@ fn instrument_scale(facts: &StoredFacts<'_>) -> Option<Gate> {
         ));
     };
     let found_mm = facts.identification.after_rms_mm.unwrap_or(0.0);
-    let passes = reference.at_reach_std_mm <= MAX_SCALE * found_mm;
-    Some(Gate::new(name, passes, told.detail.clone()).warned(passes))
+    let passes = reference.at_reach_std_mm <= MAX_SCALE_PER_ERROR * found_mm;
+    Some(Gate::new(name, passes, warning.detail.clone()).with_warning(passes))
 }
 
 fn better_than_active(facts: &Facts<'_>) -> Gate {
@@ -307,7 +301,7 @@ fn better_than_active(facts: &Facts<'_>) -> Gate {
         return Gate::new(name, true, "the robot has no other active set");
     }
     if facts.is_rollback {
-        return Gate::new(name, true, "not compared: the set was active before").warned(true);
+        return Gate::new(name, true, "not compared: the set was active before").with_warning(true);
     }
     let mut details = Vec::new();
     let (mut passed, mut changed) = (!facts.comparisons.is_empty(), false);
@@ -316,7 +310,7 @@ fn better_than_active(facts: &Facts<'_>) -> Gate {
             Ok(rms) => {
                 let (own, active) = (rms.set_mm, rms.active_mm);
                 passed &= rms.is_as_good();
-                changed |= active > CHANGED * own + SAME_MM;
+                changed |= active > CHANGED_ERROR_RATIO * own + SAME_MM;
                 let equal = match own > active && rms.is_as_good() {
                     true => {
                         ", which is as good within the scatter of these points and a micrometre"
@@ -343,7 +337,7 @@ fn better_than_active(facts: &Facts<'_>) -> Gate {
     if details.is_empty() {
         details.push("without verify points it cannot be compared with the active set".into());
     }
-    Gate::new(name, passed, details.join("; ")).warned(changed)
+    Gate::new(name, passed, details.join("; ")).with_warning(changed)
 }
 
 fn evidence(facts: &StoredFacts<'_>) -> Gate {
@@ -361,7 +355,7 @@ fn evidence(facts: &StoredFacts<'_>) -> Gate {
     let passed =
         !facts.policy.independent_session_required || evidence == Evidence::IndependentSession;
     let is_doubtful = evidence != Evidence::IndependentSession || !limits.is_empty();
-    Gate::new("evidence", passed, format!("{detail}{limits}")).warned(is_doubtful)
+    Gate::new("evidence", passed, format!("{detail}{limits}")).with_warning(is_doubtful)
 }
 
 /// Reasons why sessions that fit are only weak evidence, or none.

@@ -15,7 +15,7 @@ pub fn hides_base(identified_in: Frame, session_in: Frame) -> bool {
 
 /// The stored evidence of a session or an identification. It is reduced if an error of the base would not show; older versions did not
 /// check this and stored stronger evidence.
-pub fn shown_evidence(found: &Verification, is_base_hidden: bool) -> Evidence {
+pub fn effective_evidence(found: &Verification, is_base_hidden: bool) -> Evidence {
     match (is_base_hidden, found.kind, found.evidence) {
         (true, VerificationKind::Session, _) => Evidence::None,
         (true, VerificationKind::Identification, Evidence::IndependentSession) => {

@@ -25,16 +25,16 @@ mod verdict;
 pub use check_state::{CheckStateChange, check_state_change};
 pub use comparison::Comparison;
 pub use decision::{Decision, decide};
-pub use gate_facts::{ArchivedItem, Facts, KeyHolder, LastCheck, StoredFacts, WithdrawnSource};
+pub use gate_facts::{ArchivedItem, Facts, KeyHolder, LastMisfit, StoredFacts, WithdrawnSource};
 pub use gates::first_refusal;
 pub use provenance::{orientation_unknown, provenance, wrong_robot};
 pub use same_values::has_same_values;
-pub use sessions::{Ages, Session, Shows, UnscoredSession, current_since, has_changed};
+pub use sessions::{PointsSeq, Session, SessionVerdict, UnscoredSession, has_changed};
 pub use suspicions::{AcceptedMisfit, accept_misfit, accept_rotations};
 pub use trend::{
     ScoredJob, ScoredSession, may_have_trend, measured_at_ms, scored_sessions, stated_time, trend,
 };
 pub use verdict::{
-    INSISTED, UNUSABLE_WARNINGS, headline, insisted_warning, is_usable, refused_as,
+    INSISTED, UNUSABLE_WARNINGS, headline, insisted_code, insisted_warning, is_usable,
     unusable_because, why_no_evidence, why_same_upload,
 };

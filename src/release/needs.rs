@@ -26,7 +26,7 @@ pub struct NeedFacts {
     pub session_rms_mm: Option<f64>,
     /// Expanded uncertainty of that error, mm, if it is stated.
     pub session_expanded_mm: Option<f64>,
-    /// The newest session fits the robot, but the released set misses it.
+    /// The newest session fits the robot, and the released set is far off on it.
     pub is_far_off: bool,
     /// Error of the nominal robot on the newest session, mm, if the released set is no better.
     pub no_better_than_mm: Option<f64>,
@@ -74,7 +74,7 @@ pub fn need(facts: &NeedFacts) -> (Need, String) {
         );
     }
     if facts.has_newer {
-        return (Need::Review, waiting(facts).into());
+        return (Need::Review, reason_of_newer_result(facts).into());
     }
     if let Some(days) = facts.days_to_limit.filter(|days| *days <= SOON_DAYS) {
         let when = if days < 1.0 {
@@ -94,8 +94,8 @@ pub fn need(facts: &NeedFacts) -> (Need, String) {
     (Need::Nothing, String::new())
 }
 
-/// Text about what the newest result waits for. A result that a gate refuses does not wait for its release.
-fn waiting(facts: &NeedFacts) -> &'static str {
+/// Text about a result that is newer than the released set. A result that a gate refuses does not wait for its release.
+fn reason_of_newer_result(facts: &NeedFacts) -> &'static str {
     match (facts.newest_refused_by.as_deref(), facts.is_released) {
         (None, true) => "a newer result than the released set waits for a decision",
         (None, false) => "the first result waits for its release",

@@ -13,9 +13,9 @@ use crate::wire::report_shape::Evidence;
 /// Tolerance for equal nominal values: those in a report may have been converted to degrees and back.
 const SAME_NOMINAL: f64 = 1e-6;
 /// The active set is far off if its error is more than this many times that of the candidate on the same points.
-const FAR_OFF: f64 = 10.0;
+const FAR_OFF_RATIO: f64 = 10.0;
 /// The same limit, if the active set is no better than the nominal robot.
-const FAR_OFF_AS_NOMINAL: f64 = 3.0;
+const FAR_OFF_RATIO_IF_NO_BETTER_THAN_NOMINAL: f64 = 3.0;
 
 pub fn identity(facts: &Facts<'_>) -> Gate {
     if let (Some(robots), Some(stated)) = (facts.serial_number, facts.stated_serial_number)
@@ -67,7 +67,7 @@ pub fn identity(facts: &Facts<'_>) -> Gate {
                 true,
                 "the robot's nominal model; no serial number was stated with the upload",
             )
-            .warned(true),
+            .with_warning(true),
         },
     }
 }
@@ -109,13 +109,13 @@ pub fn change(facts: &Facts<'_>) -> Gate {
             true,
             format!("{found}; the reason given: {reason}"),
         )
-        .warned(true),
+        .with_warning(true),
         None if facts.is_rollback => Gate::new(
             "change_plausible",
             true,
             format!("{found}; the set was active before"),
         )
-        .warned(true),
+        .with_warning(true),
         None => {
             let detail = format!(
                 "{found}: check the tool and the robot. If the change is right, say why in change_reason"
@@ -140,9 +140,9 @@ fn active_far_off(facts: &Facts<'_>) -> Option<String> {
         let own_mm = rms.set_mm.max(least_mm);
         let is_useless = nominal_mm.is_some_and(|nominal_mm| rms.active_mm > nominal_mm);
         let times = if is_useless {
-            FAR_OFF_AS_NOMINAL
+            FAR_OFF_RATIO_IF_NO_BETTER_THAN_NOMINAL
         } else {
-            FAR_OFF
+            FAR_OFF_RATIO
         };
         (rms.active_mm > times * own_mm).then_some((comparison, rms))
     });
@@ -204,14 +204,14 @@ pub fn orientation(facts: &Facts<'_>) -> Gate {
     };
     if facts.is_rollback {
         let detail = format!("{found}; the set was active before{remedy}");
-        return Gate::new(name, true, detail).warned(true);
+        return Gate::new(name, true, detail).with_warning(true);
     }
     match facts.stored.evidence() {
         Evidence::IndependentSession => {
             let detail = format!(
                 "{found}; another session shows that the position of the measured reflector is right: use the set for that alone{remedy}"
             );
-            Gate::new(name, true, detail).warned(true)
+            Gate::new(name, true, detail).with_warning(true)
         }
         _ => {
             let detail = format!(

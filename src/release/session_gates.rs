@@ -1,6 +1,6 @@
 //! The gates that depend on other sessions, both those that fit the robot and those that do not.
 
-use crate::release::gate_facts::{Facts, LastCheck, StoredFacts};
+use crate::release::gate_facts::{Facts, LastMisfit, StoredFacts};
 use crate::release::sessions::Session;
 use crate::release::texts::{CHECKED, errors_in_words, sessions};
 use crate::wire::release::Gate;
@@ -28,7 +28,7 @@ pub fn check_robot(facts: &StoredFacts<'_>) -> Gate {
 /// session of its own; a later session that fits another set is no evidence for it. The schema's triggers enforce this too.
 pub fn measured_since_check(facts: &StoredFacts<'_>) -> Gate {
     let name = "measured_since_check";
-    let Some(LastCheck { seq, job_id }) = facts.last_check else {
+    let Some(LastMisfit { seq, job_id }) = facts.last_misfit else {
         return Gate::new(name, true, "every session fitted the robot");
     };
     if *seq <= facts.checked_seq {
@@ -118,7 +118,7 @@ pub fn scored_on_later_sessions(facts: &Facts<'_>) -> Gate {
         "the session of job {job} was measured after the points of this set{found}. Verify this set on that session ({set}){or}"
     );
     let only_warns = facts.is_rollback && !session.has_changed;
-    Gate::new(name, only_warns, detail).warned(only_warns)
+    Gate::new(name, only_warns, detail).with_warning(only_warns)
 }
 
 /// Refuses a set that was no better than nominal in a session that is evidence. The gate fails closed: an error that cannot be compared does not count

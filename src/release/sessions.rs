@@ -18,7 +18,7 @@ pub struct Session {
     pub is_base_hidden: bool,
     /// Number in the audit chain of the upload in which its points appeared first.
     pub measured_seq: i64,
-    /// Whether its points are older than the last event after which the robot may have changed ([`current_since`]). It then does not show
+    /// Whether its points are older than the last event after which the robot may have changed ([`PointsSeq::oldest_current`]). It then does not show
     /// the robot as it is now.
     pub is_outdated: bool,
     /// Whether the session is evidence against the set. It is none if it has few points, or if its upload was refused and insisted on. A
@@ -39,22 +39,24 @@ pub struct UnscoredSession {
     pub has_changed: bool,
 }
 
-/// When uploads were made: their numbers in the audit chain, so a higher number is a newer upload.
+/// Numbers of uploads in the audit chain. A higher number is a newer upload.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Ages {
-    /// Of the points that the set was identified from.
+pub struct PointsSeq {
+    /// Upload of the points that the set was identified from.
     pub own: i64,
-    /// Of the points that the active set was identified from; 0 if there is no other active set.
+    /// Upload of the points that the active set was identified from; 0 if there is no other active set.
     pub active: i64,
-    /// Of the last session that did not fit the robot; 0 if there is none, or if somebody has explained it.
-    pub last_check: i64,
+    /// Upload of the last session that did not fit the robot; 0 if there is none, or if somebody has explained it.
+    pub last_misfit: i64,
 }
 
-/// Sessions with a lower number are outdated; 0 if none is. If the set's points are newer than those of the active set, or than a session that
-/// did not fit the robot, older sessions are outdated: an old file, uploaded late, agrees with the robot as it was before.
-pub fn current_since(ages: Ages) -> i64 {
-    let newer = [ages.active, ages.last_check].into_iter();
-    newer.filter(|since| ages.own > *since).max().unwrap_or(0)
+impl PointsSeq {
+    /// Sessions with a lower number are outdated; 0 if none is. If the set's points are newer than those of the active set, or than a session
+    /// that did not fit the robot, older sessions are outdated: an old file, uploaded late, agrees with the robot as it was before.
+    pub fn oldest_current(self) -> i64 {
+        let changes = [self.active, self.last_misfit].into_iter();
+        changes.filter(|seq| self.own > *seq).max().unwrap_or(0)
+    }
 }
 
 /// Whether a job found that the robot has changed.
@@ -62,7 +64,7 @@ pub fn has_changed(report: &ReportSummary) -> bool {
     report
         .warnings
         .iter()
-        .any(|told| told.code == ROBOT_CHANGED)
+        .any(|warning| warning.code == ROBOT_CHANGED)
 }
 
 /// Whether a session shows that robot and set are in order. Its points must be measured anew and fit the robot, and the set must be better
@@ -75,9 +77,9 @@ pub fn supports(session: &Verification) -> bool {
         && !session.is_worse
 }
 
-/// What a session says about a set.
+/// Whether a session is evidence for or against a set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Shows {
+pub enum SessionVerdict {
     /// It is independent evidence for the set.
     Supports,
     /// It is evidence against the set.
@@ -85,15 +87,16 @@ pub enum Shows {
 }
 
 impl Session {
-    /// What the session says about the set, if anything. With a tolerance, errors that are larger than at the identification may still be small enough.
-    pub fn shows(&self, has_tolerance: bool) -> Option<Shows> {
+    /// Whether the session is evidence for or against the set; `None` if it is neither. With a tolerance, errors that are larger than at the
+    /// identification may still be small enough.
+    pub fn verdict(&self, has_tolerance: bool) -> Option<SessionVerdict> {
         let found = &self.verification;
         let is_as_good = found.is_better && (has_tolerance || !found.is_worse);
         match found.fit {
             Fit::DoesNotFit => None,
-            Fit::SetFarOff => Some(Shows::SpeaksAgainst),
-            Fit::Fits if is_as_good => self.is_independent().then_some(Shows::Supports),
-            Fit::Fits => self.is_evidence.then_some(Shows::SpeaksAgainst),
+            Fit::SetFarOff => Some(SessionVerdict::SpeaksAgainst),
+            Fit::Fits if is_as_good => self.is_independent().then_some(SessionVerdict::Supports),
+            Fit::Fits => self.is_evidence.then_some(SessionVerdict::SpeaksAgainst),
         }
     }
 

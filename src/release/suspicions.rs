@@ -18,7 +18,7 @@ pub struct AcceptedMisfit {
 }
 
 /// Codes of refusals and warnings whose cause may be an unread column for the target or the station.
-const OF_LABELS: [&str; 2] = ["poor_alignment", "frame_suspect"];
+const EXPLAINED_BY_UNREAD_LABELS: [&str; 2] = ["poor_alignment", "frame_suspect"];
 
 /// Adds the unread columns to an explanation, if they may be the cause.
 fn with_unread(explanation: Explanation, unread: Option<&str>) -> Explanation {
@@ -30,13 +30,13 @@ fn with_unread(explanation: Explanation, unread: Option<&str>) -> Explanation {
         format!("{detail}{end} {unread}")
     };
     match explanation {
-        Explanation::Warning { code, detail } if OF_LABELS.contains(&code) => {
+        Explanation::Warning { code, detail } if EXPLAINED_BY_UNREAD_LABELS.contains(&code) => {
             Explanation::Warning {
                 code,
                 detail: added(detail),
             }
         }
-        Explanation::Refusal(suspicion) if OF_LABELS.contains(&suspicion.code) => {
+        Explanation::Refusal(suspicion) if EXPLAINED_BY_UNREAD_LABELS.contains(&suspicion.code) => {
             Explanation::Refusal(Suspicion {
                 detail: added(suspicion.detail),
                 ..suspicion

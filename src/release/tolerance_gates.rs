@@ -36,7 +36,7 @@ pub fn uncertainty(facts: &StoredFacts<'_>) -> Gate {
                 true,
                 format!("the robot's policy has no tolerance; the uncertainty {details}"),
             )
-            .warned(found.is_none())
+            .with_warning(found.is_none())
         }
     }
 }
@@ -63,7 +63,7 @@ pub fn errors_within_tolerance(facts: &StoredFacts<'_>) -> Gate {
     };
     let figure = |points: String, found, rule| Figure {
         points,
-        rms_mm: found_mm(found),
+        rms_mm: rms_mm_or_infinite(found),
         expanded_mm: found.after_expanded_mm,
         rule,
         found,
@@ -121,7 +121,7 @@ fn name_of(rule: DecisionRule) -> &'static str {
 }
 
 /// An unknown error exceeds every tolerance.
-fn found_mm(found: &Verification) -> f64 {
+fn rms_mm_or_infinite(found: &Verification) -> f64 {
     found.after_rms_mm.unwrap_or(f64::INFINITY)
 }
 

@@ -34,7 +34,7 @@ pub struct ScoredSession {
 /// A job that scored the released set.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScoredJob {
-    /// When its points were measured, as far as it is known ([`measured_at_ms`]); milliseconds since the epoch.
+    /// When its points were measured ([`measured_at_ms`]), milliseconds since the epoch.
     pub measured_at_ms: i64,
     /// Its measurement set.
     pub measurement_set_id: String,
@@ -42,13 +42,13 @@ pub struct ScoredJob {
     pub verification: Verification,
 }
 
-/// When an upload was measured, as its record states it. It is shown, and the trend uses it; no gate does, because nobody checks it.
+/// Time of measurement that the uploader stated. It is shown, and the trend uses it. No gate uses it, because nobody checks it.
 pub fn stated_time(reading_json: Option<&str>) -> Option<String> {
     let reading: Reading = serde_json::from_str(reading_json?).ok()?;
     reading.record?.measured_at
 }
 
-/// The stated time of an upload, else the time at which it was stored; milliseconds since the epoch.
+/// The time of measurement that was stated for an upload, or else the time at which it was stored; milliseconds since the epoch.
 pub fn measured_at_ms(reading_json: Option<&str>, uploaded_at_ms: i64) -> i64 {
     let stated = stated_time(reading_json);
     let stated_ms = stated.and_then(|time| epoch_ms(&time));

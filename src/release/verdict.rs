@@ -57,18 +57,19 @@ pub fn unusable_because(report: &Report) -> Option<&'static str> {
         .find(|code| has_warning(report, code))
 }
 
-/// Code of the suspicion that somebody overrode, if the report's upload was insisted on.
-pub fn refused_as(report: &Report) -> Option<&'static str> {
+/// Code of the suspicion that the uploader overrode, if the report's upload was insisted on. A report has this code only in the text of its
+/// warning.
+pub fn insisted_code(report: &Report) -> Option<&'static str> {
     let mut warnings = report.warnings.iter();
     let insisted = warnings.find(|warning| warning.code == INSISTED)?;
     let mut codes = SUSPICIONS.into_iter();
     codes.find(|code| insisted.detail.contains(code))
 }
 
-/// As [`unusable_because`], for the headline of a report. An overridden refusal takes precedence over the warnings that a wrong file
-/// causes. It counts even if the points fit in the end, because the result is no evidence.
+/// As [`unusable_because`], for the headline of a report. An upload that was insisted on gives the code [`INSISTED`], unless a warning explains the
+/// result better. This also applies if the points fit, because the result is no evidence.
 pub fn headline(report: &Report) -> Option<&'static str> {
-    let (code, refused) = (unusable_because(report), refused_as(report));
+    let (code, refused) = (unusable_because(report), insisted_code(report));
     let is_explained = code.is_none_or(|code| [JOINT_MAP, NO_FIT].contains(&code));
     match refused {
         // The refusal `poor_alignment` names no cause, so a warning that does is preferred.

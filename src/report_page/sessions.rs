@@ -2,7 +2,7 @@
 
 use super::sources::{ScoredSession, Sources};
 use super::text::{error, number, time};
-use crate::release::{Shows, why_no_evidence, why_same_upload};
+use crate::release::{SessionVerdict, why_no_evidence, why_same_upload};
 use crate::wire::report_shape::Evidence;
 use crate::wire::verification::Fit;
 use maud::{Markup, html};
@@ -62,7 +62,7 @@ pub fn fitted_together(sources: &Sources<'_>) -> Markup {
 pub fn evidence(sources: &Sources<'_>) -> String {
     let report = sources.report;
     let verified = sources.sessions.iter().find_map(|scored| {
-        let shows = scored.session.shows(sources.tolerance_mm.is_some())?;
+        let shows = scored.session.verdict(sources.tolerance_mm.is_some())?;
         Some((scored, shows))
     });
     let of_session = verified.map(|(scored, shows)| {
@@ -78,10 +78,10 @@ pub fn evidence(sources: &Sources<'_>) -> String {
         )
     });
     match of_session {
-        Some((Shows::Supports, session)) => {
+        Some((SessionVerdict::Supports, session)) => {
             format!("independent session, measured after the identification: {session}")
         }
-        Some((Shows::SpeaksAgainst, session)) => {
+        Some((SessionVerdict::SpeaksAgainst, session)) => {
             format!("a later session speaks against these parameters: {session}")
         }
         None => match report.evidence {

@@ -81,7 +81,7 @@ pub async fn archive(
     let values = values![id, kind.as_str(), robot_id, by];
     let row: Option<ArchivedRow> = sql::first(tx.connection(), ARCHIVE, values)
         .await
-        .map_err(|error| error.of_trigger(|why| Conflict::NotArchivable { why }))?;
+        .map_err(|error| error.into_conflict_of_trigger(|why| Conflict::NotArchivable { why }))?;
     if let Some(row) = row {
         tx.audit(AuditEvent::Archived, id, as_archived(&row));
         return Ok(row.archived_at_ms);

@@ -3,9 +3,9 @@
 use super::sql::{self, values};
 use super::{ApiKeyRow, Result, Store, Tx};
 
-/// Longest time for which a session is valid: a shift, with some time to spare. A session that began in the future, because the clock was set back, has ended.
+/// Longest validity of a session: a shift and some hours. A session that began in the future has ended, too: the clock was set back.
 pub const MAX_AGE_MS: i64 = 12 * 3600 * 1000;
-/// Maximum number of sessions of a key; the oldest ends when one more begins. A key may sign in from many browsers, but it must not fill the disk.
+/// Maximum number of sessions of a key. The oldest ends when one more begins, so that a key cannot fill the disk.
 pub const MAX_OF_KEY: i64 = 100;
 
 pub(super) const ALL_QUERIES: &[&str] = &[DELETE_ENDED, INSERT, FIND, DELETE];

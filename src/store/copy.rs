@@ -44,7 +44,7 @@ const RESULT_REFERENCES: &[&str] = &[
 
 /// Number of rows copied of one table.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Copied {
+pub struct CopiedTable {
     /// The table.
     pub table: &'static str,
     /// Its rows.
@@ -64,16 +64,16 @@ struct Column {
     kind: ColumnType,
 }
 
-/// Copies one store into another in one transaction of the target. No process may write to the source during the copy. `moved` is called at the start
-/// of each table.
+/// Copies one store into another in one transaction of the target. No process may write to the source during the copy. `started_table` is
+/// called before each table.
 ///
 /// # Errors
 /// [`Error::Open`] if the target is not empty or the schemas differ, [`Error::Database`].
 pub async fn copy(
     from: &Store,
     to: &Store,
-    mut moved: impl FnMut(&'static str),
-) -> Result<Vec<Copied>> {
+    mut started_table: impl FnMut(&'static str),
+) -> Result<Vec<CopiedTable>> {
     let versions = (from.schema_version().await?, to.schema_version().await?);
     if versions.0 != versions.1 {
         let detail = format!(
@@ -96,8 +96,8 @@ pub async fn copy(
     }
     let mut copied = Vec::new();
     for &table in TABLES {
-        moved(table);
-        copied.push(Copied {
+        started_table(table);
+        copied.push(CopiedTable {
             table,
             n_rows: copy_table(&mut source, target, to.engine(), table).await?,
         });

@@ -10,7 +10,7 @@ use sqlx::{Any, AnyConnection, AnyPool, Transaction};
 
 use super::audit_chain::{self, AuditNote};
 use super::sql::{self, values};
-use super::write_progress::{Write, WriteProgress};
+use super::write_progress::{PendingWrite, WriteProgress};
 use super::{AuditEvent, Engine, Error, Result};
 
 /// A handle on the database; clones share its connections.
@@ -43,7 +43,7 @@ pub struct Tx {
     notes: Vec<AuditNote>,
     store: Store,
     /// Counts this transaction as a write under way until it is dropped.
-    write: Write,
+    write: PendingWrite,
 }
 
 /// Disk space kept free: twice the size of the largest upload, because an upload is written to the WAL and to the database.
@@ -69,8 +69,8 @@ impl Store {
     /// Begins a transaction that may write.
     pub async fn begin(&self) -> Result<Tx> {
         self.require_data_dir()?;
-        let mut write = Write::begin(&self.inner.writes);
-        let begun = self.begin_to_write().await;
+        let mut write = PendingWrite::begin(&self.inner.writes);
+        let begun = self.begin_write_transaction().await;
         write.record(&begun);
         Ok(Tx {
             transaction: begun?,
@@ -81,7 +81,7 @@ impl Store {
         })
     }
 
-    async fn begin_to_write(&self) -> Result<Transaction<'static, Any>> {
+    async fn begin_write_transaction(&self) -> Result<Transaction<'static, Any>> {
         let writers = self.writers();
         Ok(match self.inner.engine {
             // `begin immediate` takes the write lock at once. A transaction that starts as a reader may fail to get the lock at its first write.

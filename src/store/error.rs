@@ -175,7 +175,10 @@ const BY_TRIGGER: [&str; 3] = ["1811", "23000", "P0001"];
 
 impl Error {
     /// Converts a trigger's refusal to the conflict that `conflict` makes from the trigger's message. Other errors stay as they are.
-    pub(super) fn of_trigger(self, conflict: impl FnOnce(String) -> Conflict) -> Self {
+    pub(super) fn into_conflict_of_trigger(
+        self,
+        conflict: impl FnOnce(String) -> Conflict,
+    ) -> Self {
         match &self {
             Self::Database(sqlx::Error::Database(refusal))
                 if refusal

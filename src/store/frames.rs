@@ -74,7 +74,7 @@ pub async fn insert(tx: &mut Tx, new: &NewFrames) -> Result<FramesRow> {
     ];
     let row: FramesRow = sql::one(tx.connection(), INSERT, values)
         .await
-        .map_err(|error| error.of_trigger(|_| Conflict::RobotArchived))?;
+        .map_err(|error| error.into_conflict_of_trigger(|_| Conflict::RobotArchived))?;
     tx.audit(AuditEvent::FramesCreated, &row.id, as_created(&row));
     tx.audit_field("sha256", new.body.sha256().into());
     Ok(row)

@@ -29,7 +29,7 @@ impl IdPrefix {
     }
 
     /// The prefix of an identifier of this service.
-    pub(super) fn of(id: &str) -> Option<Self> {
+    pub(super) fn from_id(id: &str) -> Option<Self> {
         let prefix = id.split_once('_')?.0;
         Self::ALL.into_iter().find(|kind| kind.as_str() == prefix)
     }

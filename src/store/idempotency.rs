@@ -48,7 +48,7 @@ pub enum IdempotentOutcome {
 }
 
 /// Age at which keys are deleted: one week, so that the PC of a robot cell can be off for a weekend and still retry.
-const KEPT_MS: i64 = 7 * 24 * 3600 * 1000;
+const KEY_LIFETIME_MS: i64 = 7 * 24 * 3600 * 1000;
 
 pub(super) const ALL_QUERIES: &[&str] = &[CLAIM, ANSWER, FIND, FORGET_OLD];
 
@@ -73,14 +73,17 @@ type Found = (String, i64, Option<String>, String, Vec<u8>);
 
 impl Store {
     /// The stored answer to this key, if a request with the key took effect. Only reads.
-    pub async fn answered(&self, scope: &IdempotencyScope) -> Result<Option<IdempotentOutcome>> {
+    pub async fn stored_answer(
+        &self,
+        scope: &IdempotencyScope,
+    ) -> Result<Option<IdempotentOutcome>> {
         find(self.readers(), scope).await
     }
 
     /// Deletes expired Idempotency-Keys and their answers.
-    pub async fn forget_old_keys(&self) -> Result<()> {
+    pub async fn delete_expired_keys(&self) -> Result<()> {
         let mut tx = self.begin().await?;
-        sql::execute(tx.connection(), FORGET_OLD, values![KEPT_MS]).await?;
+        sql::execute(tx.connection(), FORGET_OLD, values![KEY_LIFETIME_MS]).await?;
         tx.commit().await
     }
 
@@ -184,12 +187,12 @@ pub(super) fn answer_hashes(detail: &Value) -> Option<(String, String)> {
 
 /// A key with its answer. The answer is none if the request began and was not answered.
 #[derive(Debug)]
-pub(super) struct Answered {
+pub(super) struct AnsweredKey {
     pub(super) scope: IdempotencyScope,
     pub(super) answer: Option<StoredResponse>,
 }
 
-impl FromRow<'_, AnyRow> for Answered {
+impl FromRow<'_, AnyRow> for AnsweredKey {
     fn from_row(row: &AnyRow) -> sqlx::Result<Self> {
         let scope = IdempotencyScope {
             holder: row.try_get("key_holder")?,
@@ -215,7 +218,7 @@ impl FromRow<'_, AnyRow> for Answered {
             }),
             None => None,
         };
-        Ok(Answered { scope, answer })
+        Ok(AnsweredKey { scope, answer })
     }
 }
 

@@ -95,7 +95,7 @@ impl JobRow {
     }
 
     /// Whether the status, attempt or progress differs from an earlier state of the job.
-    pub fn has_moved_on(&self, earlier: &JobRow) -> bool {
+    pub fn has_progressed_since(&self, earlier: &JobRow) -> bool {
         (self.status, self.attempt) != (earlier.status, earlier.attempt)
             || self.progress_json != earlier.progress_json
     }
@@ -322,7 +322,7 @@ pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<Job
     ];
     let row: Option<JobRow> = sql::first(tx.connection(), INSERT, values)
         .await
-        .map_err(|error| error.of_trigger(|_| Conflict::RobotArchived))?;
+        .map_err(|error| error.into_conflict_of_trigger(|_| Conflict::RobotArchived))?;
     let mut row = row.ok_or(Conflict::QueueFull {
         limit: limit.unwrap_or_default(),
     })?;

@@ -16,7 +16,7 @@ row! {
         pub uploaded_seq: i64,
         /// Whether it was uploaded before the robot's last session that did not fit, or for that session. Uploads of sessions that did not fit are left
         /// out, because a changed robot may be identified from them.
-        pub is_before_check: bool,
+        pub is_before_misfit: bool,
     }
 }
 
@@ -29,8 +29,8 @@ macro_rules! scored_set {
 
 pub(super) const ALL_QUERIES: &[&str] = &[NEWEST, IS_USED];
 
-// The newest uploads of a robot, by the order of the audit chain. An upload without an entry is older than the chain. With $5 = 1, an
-// upload for which a check found a change counts as older than the session that did not fit.
+// The newest uploads of a robot, by the order of the audit chain. An upload without an entry is older than the chain. With $5 = 1 (a job of kind
+// `verify`), an upload for which a check found a change counts as older than the session that did not fit.
 const NEWEST: &str = concat!(
     "with known as (
         select m.id as id, m.n_points as n_points, coalesce((select max(a.seq) from audit a where a.subject = m.id and a.event = $4), 0) as uploaded_seq
@@ -46,7 +46,7 @@ const NEWEST: &str = concat!(
                     and not exists (select 1 from job_session o where o.job_id = j.id))
                 or (cast($5 as bigint) = 1 and k.id in (select c.measurement_set_id from job c join verification w on w.job_id = c.id
                     where c.kind = 'check' and w.robot_id = $1 and w.fit <> 'fits')))
-            then 1 else 0 end as is_before_check
+            then 1 else 0 end as is_before_misfit
     from known k order by k.uploaded_seq desc, k.id desc limit cast($3 as bigint)"
 );
 
@@ -56,17 +56,17 @@ const IS_USED: &str = "
         and (j.measurement_set_id = $2 or j.verify_set_id = $2
             or exists (select 1 from job_session s where s.job_id = j.id and s.measurement_set_id = $2))";
 
-/// The newest uploads of a robot, newest first. `check_seq` is the number of its last session that did not fit; 0 for none. `is_session` is true for
+/// The newest uploads of a robot, newest first. `misfit_seq` is the number of its last session that did not fit; 0 for none. `is_session` is true for
 /// a job of kind `verify`.
 pub async fn newest(
     store: &Store,
     robot_id: &str,
-    check_seq: i64,
+    misfit_seq: i64,
     is_session: bool,
     limit: i64,
 ) -> Result<Vec<KnownUpload>> {
     let created = AuditEvent::MeasurementSetCreated.as_str();
-    let values = values![robot_id, check_seq, limit, created, i64::from(is_session)];
+    let values = values![robot_id, misfit_seq, limit, created, i64::from(is_session)];
     sql::all(store.readers(), NEWEST, values).await
 }
 

@@ -121,8 +121,8 @@ macro_rules! expired {
     };
 }
 
-/// SQL: 1 if the lease expired because the process died, froze or lost its connection; 0 if the worker gave up, because [`GIVE_UP`] sets
-/// `lease_until_ms` to 0.
+/// SQL: 1 if the lease expired because the process died, froze or lost its connection; 0 if the worker gave up ([`GIVE_UP`] sets
+/// `lease_until_ms` to 0).
 macro_rules! died_now {
     () => {
         "(case when lease_until_ms > 0 then 1 else 0 end)"
@@ -152,7 +152,7 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     EXPIRE_AFTER_ATTEMPTS,
     EXPIRE_AFTER_DEATHS,
     EXPIRE_QUEUED,
-    END_ALL,
+    EXPIRE_ALL,
 ];
 
 const CLAIM_SQLITE: &str = claim!("= 0", "");
@@ -232,7 +232,7 @@ const EXPIRE_QUEUED: &str = expired!(
 );
 
 // Expires the leases of dead workers. The lease is set to 1, because 0 means that the worker gave up.
-const END_ALL: &str =
+const EXPIRE_ALL: &str =
     "update job set lease_until_ms = 1 where status = 'running' and lease_until_ms > 0";
 
 /// Maximum number of process deaths while the process computes only this job; then the job fails. A death is usually not caused by the job and does
@@ -349,8 +349,8 @@ pub struct Exhausted {
     pub by_deaths_json: String,
 }
 
-/// Takes jobs from workers whose leases have expired. A job is queued again; it is a suspect if its process died. A job fails with `exhausted`
-/// after `max_attempts` attempts that the job itself ended, or after [`MAX_DEATHS_ALONE`] deaths of a process that computed only this job.
+/// Takes jobs from workers whose leases have expired. A job is queued again, as a suspect if its process died. It fails with a problem of
+/// `exhausted` after `max_attempts` attempts that the job itself ended, or after [`MAX_DEATHS_ALONE`] deaths of a process that computed only this job.
 pub async fn expire(store: &Store, max_attempts: i64, exhausted: &Exhausted) -> Result<Expired> {
     // Usually no lease has expired. Reading this first avoids the write lock.
     let n_expired: i64 = sql::value(store.readers(), N_EXPIRED, values![]).await?;
@@ -394,9 +394,9 @@ pub async fn expire(store: &Store, max_attempts: i64, exhausted: &Exhausted) -> 
 }
 
 /// Ends every lease. Only the process that has locked the data directory may call this: all earlier workers are then dead.
-pub(super) async fn end_all(store: &Store) -> Result<()> {
+pub(super) async fn expire_all(store: &Store) -> Result<()> {
     let mut tx = store.begin().await?;
-    sql::execute(tx.connection(), END_ALL, values![]).await?;
+    sql::execute(tx.connection(), EXPIRE_ALL, values![]).await?;
     tx.commit().await
 }
 

@@ -116,7 +116,7 @@ const OTHER_ROBOTS: &str = "select count(*) from robot r where r.id <> $1
     and exists (select 1 from measurement_set m where m.robot_id = r.id and m.sha256 = $2
         and not exists (select 1 from archived a where a.id = m.id))";
 
-// The newest upload of these bytes to a robot, what was archived left out.
+// The newest upload of these bytes to a robot. Archived uploads are left out.
 const SAME_FILE: &str = concat!(
     "select ",
     columns!(),
@@ -182,7 +182,7 @@ pub async fn insert(tx: &mut Tx, new: &NewMeasurementSet) -> Result<MeasurementS
     ];
     let row: MeasurementSetRow = sql::one(tx.connection(), INSERT, values)
         .await
-        .map_err(|error| error.of_trigger(|_| Conflict::RobotArchived))?;
+        .map_err(|error| error.into_conflict_of_trigger(|_| Conflict::RobotArchived))?;
     tx.audit(AuditEvent::MeasurementSetCreated, &row.id, as_created(&row));
     Ok(row)
 }

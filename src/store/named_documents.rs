@@ -1,5 +1,5 @@
-//! Named documents of a robot: column mappings of its files, work frames, tools, and references of its instruments. A stored document never changes. A
-//! new version under the same name replaces it.
+//! Named documents of a robot: column mappings of its files, work frames, tools, and references of its instruments. A stored document never
+//! changes; a new version under the same name replaces it.
 
 use crate::wire::names;
 use serde_json::{Value, json};
@@ -133,6 +133,9 @@ pub struct NewNamedDocument<'a> {
 }
 
 /// Stores the next version of a document.
+///
+/// # Errors
+/// [`super::Conflict::RobotArchived`], [`super::Error::NotFound`] if there is no such robot, [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, new: NewNamedDocument<'_>) -> Result<NamedDocumentRow> {
     let prefix = match new.kind {
         NamedDocumentKind::Columns => IdPrefix::Columns,
@@ -140,7 +143,7 @@ pub async fn insert(tx: &mut Tx, new: NewNamedDocument<'_>) -> Result<NamedDocum
         NamedDocumentKind::Reference => IdPrefix::Reference,
     };
     tx.require_disk_space()?;
-    robots::lock(tx, new.robot_id).await?;
+    robots::lock_in_use(tx, new.robot_id).await?;
     let values = values![
         prefix.new_id(),
         new.robot_id,

@@ -94,7 +94,7 @@ impl Store {
                 let lock_file = lock_as_server(&data_dir).await?;
                 let store = connect_sqlite(&data_dir, Some(lock_file), true).await?;
                 migrate(&store).await?;
-                leases::end_all(&store).await?;
+                leases::expire_all(&store).await?;
                 Ok(store)
             }
             StoreLocation::Postgres { url } => open_postgres(&url).await,
@@ -105,7 +105,7 @@ impl Store {
     ///
     /// # Errors
     /// As [`Store::open`], but a data directory that is in use is accepted.
-    pub async fn open_beside_a_server(location: StoreLocation) -> Result<Store> {
+    pub async fn open_for_command(location: StoreLocation) -> Result<Store> {
         match location {
             StoreLocation::Sqlite { data_dir } => {
                 let data_dir = make_data_dir(&data_dir)?;
@@ -121,7 +121,7 @@ impl Store {
     }
 
     /// Opens an existing database without migrating its schema.
-    pub async fn open_as_it_is(location: StoreLocation) -> Result<Store> {
+    pub async fn open_unmigrated(location: StoreLocation) -> Result<Store> {
         match location {
             StoreLocation::Sqlite { data_dir } => {
                 if !data_dir.join(DATABASE).is_file() {
@@ -180,13 +180,13 @@ async fn connect(options: AnyPoolOptions, url: &str, settings: &'static str) -> 
         Ok(pool) => Ok(pool),
         Err(cause) => Err(Error::open(format!(
             "cannot open the database: {}",
-            reason(cause, &url, settings).await
+            actual_error(cause, &url, settings).await
         ))),
     }
 }
 
 /// Connects once to get the actual error; the pool only reports a timeout.
-async fn reason(
+async fn actual_error(
     cause: sqlx::Error,
     url: &AnyConnectOptions,
     settings: &'static str,

@@ -23,7 +23,7 @@ row! {
         pub body_json: String,
         pub created_at_ms: i64,
         pub check_job_id: Option<String>,
-        pub check_seq: i64,
+        pub misfit_seq: i64,
         pub checked_seq: i64,
         pub tolerance_mm: Option<f64>,
         pub decision_rule: Option<DecisionRule>,
@@ -72,7 +72,7 @@ row! {
 const LIST: &str = concat!(
     "
     select r.id as id, r.name as name, r.body_json as body_json, r.created_at_ms as created_at_ms, r.check_job_id as check_job_id,
-        r.check_seq as check_seq, r.checked_seq as checked_seq,
+        r.check_seq as misfit_seq, r.checked_seq as checked_seq,
         y.tolerance_mm as tolerance_mm, y.decision_rule as decision_rule,
         coalesce(y.independent_session_required, 0) as independent_session_required, coalesce(y.version, 0) as policy_version,
         a.id as active_id, a.job_id as active_job_id, a.created_at_ms as active_created_at_ms, a.released_at_ms as active_released_at_ms,

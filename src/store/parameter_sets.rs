@@ -304,7 +304,7 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
     ];
     sql::execute(tx.connection(), RELEASE, values)
         .await
-        .map_err(|error| error.of_trigger(|why| Conflict::RefusedBySchema { why }))?;
+        .map_err(|error| error.into_conflict_of_trigger(|why| Conflict::RefusedBySchema { why }))?;
     if let Some(active) = &active {
         tx.audit(
             AuditEvent::ParameterSetSuperseded,

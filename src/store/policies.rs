@@ -109,9 +109,12 @@ pub(super) async fn get_in(tx: &mut Tx, robot_id: &str) -> Result<PolicyRow> {
 }
 
 /// Sets a robot's policy and increments its version.
+///
+/// # Errors
+/// [`super::Conflict::RobotArchived`], [`super::Error::NotFound`] if there is no such robot, [`super::Error::Database`].
 pub async fn put(tx: &mut Tx, robot_id: &str, policy: &PolicyBody, by: &str) -> Result<PolicyRow> {
     // The lock waits until a release of this robot that is under way has ended. A later release sees the new policy.
-    robots::lock(tx, robot_id).await?;
+    robots::lock_in_use(tx, robot_id).await?;
     let values = values![
         robot_id,
         policy.tolerance_mm.unwrap_or(ABSENT),

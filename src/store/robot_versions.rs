@@ -65,11 +65,11 @@ pub(super) fn as_edited(row: &RobotVersionRow) -> Value {
 /// Stores a new version of a robot.
 ///
 /// # Errors
-/// [`Conflict::RobotChanged`] if the robot was edited in the meantime, [`Conflict::JointMapReleased`], [`super::Error::NotFound`],
-/// [`super::Error::Database`].
+/// [`Conflict::RobotChanged`] if the robot was edited in the meantime, [`Conflict::JointMapReleased`], [`Conflict::RobotArchived`],
+/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn edit(tx: &mut Tx, id: &str, edit: &RobotEdit, by: &str) -> Result<RobotRow> {
     tx.require_disk_space()?;
-    robots::lock(tx, id).await?;
+    robots::lock_in_use(tx, id).await?;
     let values = values![
         id,
         edit.edited_version,
@@ -79,7 +79,7 @@ pub async fn edit(tx: &mut Tx, id: &str, edit: &RobotEdit, by: &str) -> Result<R
     ];
     let row: Option<RobotVersionRow> = sql::first(tx.connection(), INSERT, values)
         .await
-        .map_err(|error| error.of_trigger(|_| Conflict::JointMapReleased))?;
+        .map_err(|error| error.into_conflict_of_trigger(|_| Conflict::JointMapReleased))?;
     let row = row.ok_or(Conflict::RobotChanged)?;
     sql::execute(tx.connection(), MOVE, values![id, row.version, edit.name]).await?;
     tx.audit(AuditEvent::RobotEdited, id, as_edited(&row));
@@ -105,7 +105,8 @@ pub async fn robot_at(store: &Store, robot_id: &str, version: i64) -> Result<Rob
 /// At most `limit` versions after this one, sorted by robot and version.
 pub(super) async fn after(
     store: &Store,
-    (robot_id, version): (&str, i64),
+    robot_id: &str,
+    version: i64,
     limit: i64,
 ) -> Result<Vec<RobotVersionRow>> {
     sql::all(store.readers(), ALL, values![robot_id, version, limit]).await

@@ -7,7 +7,7 @@ use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
 use super::sql::{self, rows_after, values};
-use super::{AuditEvent, ListRequest, Page, Result, Store, Tx};
+use super::{AuditEvent, Conflict, ListRequest, Page, Result, Store, Tx};
 use crate::wire::canonical;
 
 row! {
@@ -26,7 +26,7 @@ row! {
         pub check_job_id: Option<String>,
         /// Number of the last session that did not fit the robot, in the robot's counter of verifications; 0 for none. The number stays when the state
         /// `check_robot` ends.
-        pub check_seq: i64,
+        pub misfit_seq: i64,
         /// The robot's counter of verifications at the last `checked` request; 0 for none. The reason of this request explains all sessions up to that
         /// number.
         pub checked_seq: i64,
@@ -54,7 +54,7 @@ impl RobotRow {
     pub fn check(&self) -> RobotCheck {
         RobotCheck {
             job_id: self.check_job_id.clone(),
-            check_seq: self.check_seq,
+            misfit_seq: self.misfit_seq,
             checked_seq: self.checked_seq,
         }
     }
@@ -65,7 +65,7 @@ impl RobotRow {
 #[allow(missing_docs)] // as in the row
 pub struct RobotCheck {
     pub job_id: Option<String>,
-    pub check_seq: i64,
+    pub misfit_seq: i64,
     pub checked_seq: i64,
 }
 
@@ -79,7 +79,7 @@ pub struct NewRobot {
 
 macro_rules! columns {
     () => {
-        "id, name, body_json, created_at_ms, check_job_id, check_seq, checked_seq, checked_reason, checked_by, checked_at_ms, version, joint_map_version,
+        "id, name, body_json, created_at_ms, check_job_id, check_seq as misfit_seq, checked_seq, checked_reason, checked_by, checked_at_ms, version, joint_map_version,
          archived_at_ms, sort_name"
     };
 }
@@ -87,7 +87,7 @@ macro_rules! columns {
 // Columns of a row in `robot`, with the document as it was created. A robot is never archived when it is created.
 macro_rules! own_columns {
     () => {
-        "id, name, body_json, created_at_ms, check_job_id, check_seq, checked_seq, checked_reason, checked_by, checked_at_ms, version,
+        "id, name, body_json, created_at_ms, check_job_id, check_seq as misfit_seq, checked_seq, checked_reason, checked_by, checked_at_ms, version,
          cast(1 as bigint) as joint_map_version, cast(null as bigint) as archived_at_ms, lower(name) as sort_name"
     };
 }
@@ -98,9 +98,9 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     LOCK,
     LOCK_OF_JOB,
     BY_ID,
-    ASK_FOR_CHECK,
+    BEGIN_CHECK,
     END_CHECK,
-    CHECKED_NOW,
+    MARK_CHECKED,
 ];
 
 const INSERT: &str = concat!(
@@ -131,12 +131,12 @@ const LOCK_OF_JOB: &str =
 
 const BY_ID: &str = rows_after!(own_columns!(), "robot");
 
-const ASK_FOR_CHECK: &str = "update robot set check_job_id = $2, check_seq = $3 where id = $1";
+const BEGIN_CHECK: &str = "update robot set check_job_id = $2, check_seq = $3 where id = $1";
 
 const END_CHECK: &str =
     "update robot set check_job_id = null where id = $1 and check_job_id is not null";
 
-const CHECKED_NOW: &str = "
+const MARK_CHECKED: &str = "
     update robot set check_job_id = null, checked_reason = $2, checked_by = $3, checked_at_ms = (select now_ms from clock),
         checked_seq = (select coalesce(max(v.seq), 0) from verification v where v.robot_id = robot.id)
     where id = $1";
@@ -184,9 +184,21 @@ pub(super) async fn lock(tx: &mut Tx, id: &str) -> Result<()> {
     Ok(())
 }
 
+/// As [`lock`]; refuses an archived robot. Archiving locks the same row, so the robot stays in use until the transaction ends.
+///
+/// # Errors
+/// [`Conflict::RobotArchived`], [`super::Error::NotFound`], [`super::Error::Database`].
+pub(super) async fn lock_in_use(tx: &mut Tx, id: &str) -> Result<()> {
+    lock(tx, id).await?;
+    match get_in(tx, id).await?.archived_at_ms {
+        Some(_) => Err(Conflict::RobotArchived.into()),
+        None => Ok(()),
+    }
+}
+
 /// Puts the robot into the state `check_robot`, because a session does not fit it.
 pub async fn begin_check(tx: &mut Tx, id: &str, job_id: &str, seq: i64) -> Result<()> {
-    sql::execute(tx.connection(), ASK_FOR_CHECK, values![id, job_id, seq]).await?;
+    sql::execute(tx.connection(), BEGIN_CHECK, values![id, job_id, seq]).await?;
     let detail = json!({"job_id": job_id, "check_seq": seq});
     tx.audit(AuditEvent::RobotDoesNotFit, id, detail);
     Ok(())
@@ -203,7 +215,7 @@ pub async fn end_check(tx: &mut Tx, id: &str, job_id: &str) -> Result<()> {
 /// Ends the state `check_robot` with a person's reason.
 pub async fn checked(tx: &mut Tx, id: &str, reason: &str, by: &str) -> Result<RobotRow> {
     lock(tx, id).await?;
-    sql::execute(tx.connection(), CHECKED_NOW, values![id, reason, by]).await?;
+    sql::execute(tx.connection(), MARK_CHECKED, values![id, reason, by]).await?;
     let row = get_in(tx, id).await?;
     tx.audit(AuditEvent::RobotChecked, id, as_checked(&row));
     Ok(row)

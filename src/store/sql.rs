@@ -93,7 +93,7 @@ pub(super) async fn execute(
 }
 
 /// Calls `examine` for each row of a query made by [`rows_after`]. Reads `batch` rows at a time.
-pub(super) async fn each<T: Row>(
+pub(super) async fn for_each_row<T: Row>(
     readers: &AnyPool,
     sql: &'static str,
     batch: i64,

@@ -31,28 +31,28 @@ const TRIAL_TIMEOUT: Duration = Duration::from_millis(200);
 
 /// Blocked writers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Stuck {
+pub struct StuckWriters {
     /// Time for which no write has succeeded.
     pub duration: Duration,
     /// What the writers wait for, without internal details.
     pub reason: &'static str,
 }
 
-impl std::fmt::Display for Stuck {
+impl std::fmt::Display for StuckWriters {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Stuck { duration, reason } = self;
+        let StuckWriters { duration, reason } = self;
         let seconds = duration.as_secs_f64();
         write!(f, "no write has succeeded for {seconds:.1} s: {reason}")
     }
 }
 
 /// The blocked writers; none if no write is blocked.
-pub async fn stuck_writers(store: &Store) -> Result<Option<Stuck>> {
+pub async fn stuck_writers(store: &Store) -> Result<Option<StuckWriters>> {
     if store.engine() == Engine::Sqlite {
         return Ok(stuck_sqlite_writers(store).await);
     }
     let holder: Option<(i64, i32)> = sql::first(store.readers(), LOCK_HOLDER, values![]).await?;
-    Ok(holder.map(|(held_ms, is_idle)| Stuck {
+    Ok(holder.map(|(held_ms, is_idle)| StuckWriters {
         duration: Duration::from_millis(u64::try_from(held_ms).unwrap_or(0)),
         reason: match is_idle {
             0 => "another connection's statement holds a lock that they need",
@@ -63,7 +63,7 @@ pub async fn stuck_writers(store: &Store) -> Result<Option<Stuck>> {
 
 /// Only this process writes to SQLite, so it is enough to look at its own writes. If the last write failed and no write is under way, a trial
 /// transaction shows whether writes succeed again. The trial takes at most [`TRIAL_TIMEOUT`].
-async fn stuck_sqlite_writers(store: &Store) -> Option<Stuck> {
+async fn stuck_sqlite_writers(store: &Store) -> Option<StuckWriters> {
     let writes = &store.inner.writes;
     writes.stuck_for()?;
     if !writes.is_any_under_way() {
@@ -72,7 +72,7 @@ async fn stuck_sqlite_writers(store: &Store) -> Option<Stuck> {
         // The trial records its result in `writes`.
         let _ = timeout(TRIAL_TIMEOUT, trial).await;
     }
-    writes.stuck_for().map(|duration| Stuck {
+    writes.stuck_for().map(|duration| StuckWriters {
         duration,
         reason: "another program locks the database, or its disk has an error",
     })

@@ -44,7 +44,7 @@ from_row!(Verification {
     after_rms_mm,
     after_expanded_mm,
     measured_seq,
-    check_seq,
+    misfit_seq,
     uncertainty_mm,
     kind,
     fit,
@@ -60,7 +60,7 @@ impl VerificationRow {
         let found = &self.found;
         let mut entry = json!({"parameter_set_id": self.parameter_set_id, "kind": found.kind.as_str(), "seq": self.seq, "n_points": found.n_points,
             "before_rms_mm": found.before_rms_mm, "after_rms_mm": found.after_rms_mm, "is_better": i64::from(found.is_better), "fit": found.fit.as_str(),
-            "evidence": found.evidence.as_str(), "is_repeat": i64::from(found.is_repeat), "is_worse": i64::from(found.is_worse), "check_seq": found.check_seq,
+            "evidence": found.evidence.as_str(), "is_repeat": i64::from(found.is_repeat), "is_worse": i64::from(found.is_worse), "check_seq": found.misfit_seq,
             "verified_uncertainty_mm": found.uncertainty_mm});
         // Audit entries of older versions do not have these fields.
         if let Some(expanded_mm) = found.after_expanded_mm {
@@ -104,9 +104,9 @@ row! {
 row! {
     /// Two numbers of a robot's row. A job reads them when it begins and when it ends.
     #[derive(Clone, Debug, Default, PartialEq, Eq)]
-    pub struct CheckRow {
+    pub struct RobotCounters {
         /// Number of the last session that did not fit the robot; 0 for none.
-        pub check_seq: i64,
+        pub misfit_seq: i64,
         /// The robot's counter at its last `checked` request; 0 for none.
         pub checked_seq: i64,
     }
@@ -161,7 +161,7 @@ macro_rules! rows {
     () => {
         concat!("select v.job_id as job_id, v.robot_id as robot_id, v.parameter_set_id as parameter_set_id, j.measurement_set_id as measurement_set_id, m.frame as frame, j.created_at_ms as created_at_ms, v.kind as kind, v.seq as seq,
              v.n_points as n_points, v.before_rms_mm as before_rms_mm, v.after_rms_mm as after_rms_mm, v.after_expanded_mm as after_expanded_mm, v.is_better as is_better, v.fit as fit,
-             v.evidence as evidence, v.is_repeat as is_repeat, v.is_worse as is_worse, v.measured_seq as measured_seq, v.check_seq as check_seq, v.uncertainty_mm as uncertainty_mm, ",
+             v.evidence as evidence, v.is_repeat as is_repeat, v.is_worse as is_worse, v.measured_seq as measured_seq, v.check_seq as misfit_seq, v.uncertainty_mm as uncertainty_mm, ",
             points_seq!(),
             " as points_seq, case when v.kind = 'session' then ",
             points_seq!(),
@@ -181,9 +181,9 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     COUNT,
     LATER_SESSIONS,
     N_WITHOUT_FACTS,
-    CHECK,
-    CHECK_OF_JOB,
-    JOB_OF,
+    ROBOT_COUNTERS,
+    ROBOT_COUNTERS_OF_JOB,
+    JOB_AT,
     BY_ID,
     JOBS_WITHOUT,
 ];
@@ -269,12 +269,11 @@ const N_WITHOUT_FACTS: &str = "
         and ((j.kind in ('verify', 'check') and j.parameter_set_input_id = $1) or j.id = (select job_id from parameter_set where id = $1))
         and not exists (select 1 from verification v where v.job_id = j.id)";
 
-const CHECK: &str = "select check_seq, checked_seq from robot where id = $1";
+const ROBOT_COUNTERS: &str = "select check_seq as misfit_seq, checked_seq from robot where id = $1";
 
-const CHECK_OF_JOB: &str =
-    "select check_seq, checked_seq from robot where id = (select robot_id from job where id = $1)";
+const ROBOT_COUNTERS_OF_JOB: &str = "select check_seq as misfit_seq, checked_seq from robot where id = (select robot_id from job where id = $1)";
 
-const JOB_OF: &str = "select job_id from verification where robot_id = $1 and seq = $2";
+const JOB_AT: &str = "select job_id from verification where robot_id = $1 and seq = $2";
 
 const BY_ID: &str = concat!(
     rows!(),
@@ -313,7 +312,7 @@ pub async fn insert(
         found.evidence.as_str(),
         i64::from(found.is_repeat),
         number(found.uncertainty_mm),
-        found.check_seq,
+        found.misfit_seq,
         number(found.after_expanded_mm),
         i64::from(found.is_worse),
         found.measured_seq
@@ -390,18 +389,18 @@ pub(super) async fn count_in(tx: &mut Tx, parameter_set_id: &str) -> Result<i64>
 }
 
 /// The numbers of a robot that a job reads when it begins.
-pub async fn check(store: &Store, robot_id: &str) -> Result<CheckRow> {
-    sql::one(store.readers(), CHECK, values![robot_id]).await
+pub async fn robot_counters(store: &Store, robot_id: &str) -> Result<RobotCounters> {
+    sql::one(store.readers(), ROBOT_COUNTERS, values![robot_id]).await
 }
 
 /// As [`check`], for the robot of a job, in the transaction that has locked the robot's row.
-pub(crate) async fn check_of_job(tx: &mut Tx, job_id: &str) -> Result<CheckRow> {
-    sql::one(tx.connection(), CHECK_OF_JOB, values![job_id]).await
+pub(crate) async fn robot_counters_of_job(tx: &mut Tx, job_id: &str) -> Result<RobotCounters> {
+    sql::one(tx.connection(), ROBOT_COUNTERS_OF_JOB, values![job_id]).await
 }
 
 /// The job behind a number of a robot's counter.
-pub async fn job_of(store: &Store, robot_id: &str, seq: i64) -> Result<Option<String>> {
-    sql::first_value(store.readers(), JOB_OF, values![robot_id, seq]).await
+pub async fn job_at(store: &Store, robot_id: &str, seq: i64) -> Result<Option<String>> {
+    sql::first_value(store.readers(), JOB_AT, values![robot_id, seq]).await
 }
 
 /// Jobs without facts, ended by older versions, in the order in which they ended.

@@ -22,7 +22,7 @@ struct State {
 
 /// One write, from the request for a transaction to its end.
 #[derive(Debug)]
-pub(super) struct Write {
+pub(super) struct PendingWrite {
     progress: Arc<WriteProgress>,
     /// Result of the last step; none if the client disconnected while the write waited.
     succeeded: Option<bool>,
@@ -42,13 +42,13 @@ impl WriteProgress {
     }
 }
 
-impl Write {
+impl PendingWrite {
     pub(super) fn begin(progress: &Arc<WriteProgress>) -> Self {
         let mut state = progress.state();
         state.n_under_way += 1;
         state.since.get_or_insert_with(Instant::now);
         drop(state);
-        Write {
+        PendingWrite {
             progress: Arc::clone(progress),
             succeeded: None,
         }
@@ -60,7 +60,7 @@ impl Write {
     }
 }
 
-impl Drop for Write {
+impl Drop for PendingWrite {
     fn drop(&mut self) {
         let mut state = self.progress.state();
         state.n_under_way -= 1;

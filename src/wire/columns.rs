@@ -208,7 +208,7 @@ struct Reader {
 impl Reader {
     fn wrong(&mut self, pointer: &str, expected: &str) {
         let detail = format!("expected {expected}");
-        self.checker.note(pointer, "invalid_columns", detail);
+        self.checker.add(pointer, "invalid_columns", detail);
     }
 
     fn object(&mut self, object: &Map<String, Value>, at: &str, mapping: &mut Mapping) {
@@ -264,7 +264,7 @@ impl Reader {
                 },
                 "rotation" => {
                     let detail = "the convention of angles is no column: state it beside the mapping, as rotation=intrinsic_xyz (--rotation intrinsic_xyz)";
-                    self.checker.note(&pointer, "unknown_meaning", detail);
+                    self.checker.add(&pointer, "unknown_meaning", detail);
                 }
                 _ if !is_meaning(name) => {
                     let detail = format!(
@@ -272,7 +272,7 @@ impl Reader {
                          decimal, separator, header_row, comments, ignore, sheet, joint_unit, position_unit, robot, instrument, join",
                         PLAIN.join(", ")
                     );
-                    self.checker.note(&pointer, "unknown_meaning", detail);
+                    self.checker.add(&pointer, "unknown_meaning", detail);
                 }
                 _ => {
                     let column = self.column(value, &pointer);

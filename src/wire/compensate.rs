@@ -212,14 +212,14 @@ impl CompensateBody {
             checker.count(pointer, n, 0..=MAX_TARGETS_PER_REQUEST, what);
         }
         if !self.q_deg.is_empty() && !self.targets.is_empty() {
-            checker.note(
+            checker.add(
                 "/targets",
                 "q_deg_and_targets",
                 "targets are either joint values (q_deg) or Cartesian (targets): send them in two requests",
             );
         }
         if self.frame.is_some() && self.targets.is_empty() && !self.q_deg.is_empty() {
-            checker.note(
+            checker.add(
                 "/frame",
                 "frame_of_joint_values",
                 "joint values have no frame: leave it out, or give Cartesian targets",
@@ -237,10 +237,10 @@ impl CompensateBody {
             check_joints(&mut checker, &format!("/q_deg/{i}"), pose, n_joints);
         }
         if self.tool_name.is_some() && self.tool.is_some() {
-            checker.note("/tool", "two_tools", "give tool or tool_name, not both");
+            checker.add("/tool", "two_tools", "give tool or tool_name, not both");
         }
         if self.target.is_some() && (self.tool.is_some() || self.tool_name.is_some()) {
-            checker.note(
+            checker.add(
                 if self.tool.is_some() {
                     "/tool"
                 } else {
@@ -273,7 +273,7 @@ impl CartesianTarget {
         check_rotation(checker, &at, self.quaternion, self.rotation);
         if mode == Mode::Pose && self.quaternion.is_none() && self.rotation.is_none() {
             let detail = "mode pose needs the tool's orientation, as quaternion or rotation; with mode position only the position counts";
-            checker.note(format!("{at}/quaternion"), "missing", detail);
+            checker.add(format!("{at}/quaternion"), "missing", detail);
         }
         check_joints(
             checker,

@@ -319,7 +319,7 @@ impl CorrectionsContent {
                 "version {} is not known; this version of kincal reads {CORRECTIONS_VERSION}",
                 self.version
             );
-            checker.note("/corrections/version", "unknown_version", detail);
+            checker.add("/corrections/version", "unknown_version", detail);
         }
         let sizes = [
             ("masses", self.masses.len(), n),
@@ -352,7 +352,7 @@ impl CorrectionsContent {
                     "joint {} order {}: joints are 1 to {n}, orders 1 to {HARMONIC_ORDERS}",
                     h.joint, h.order
                 );
-                checker.note(
+                checker.add(
                     format!("/corrections/harmonics/{i}"),
                     "out_of_range",
                     detail,

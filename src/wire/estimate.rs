@@ -198,8 +198,8 @@ impl StoredUncertainty {
             harmonics: self.harmonics.clone(),
             held: named(&self.held, all)?,
         };
-        let is_of_arm = |f: &Following| f.joint < n_joints && f.followed < n_joints;
-        if !features.followings.iter().all(is_of_arm) {
+        let has_links = |f: &Following| f.joint < n_joints && f.followed < n_joints;
+        if !features.followings.iter().all(has_links) {
             return Err("a joint follows another one that the robot does not have".into());
         }
         if n == n_identified {
@@ -252,8 +252,8 @@ impl From<&CorrectedErrors> for StoredCorrectedErrors {
 impl StoredCorrectedErrors {
     fn errors(&self, all: &[Parameter], model: &KinematicModel) -> Result<CorrectedErrors, String> {
         let uncertainty = self.uncertainty.uncertainty(all, model)?;
-        let is_of_arm = |term: &StoredTerm| term.is_of_arm(model.links.len());
-        if uncertainty.n_terms != self.terms.len() || !self.terms.iter().all(is_of_arm) {
+        let has_links = |term: &StoredTerm| term.has_links(model.links.len());
+        if uncertainty.n_terms != self.terms.len() || !self.terms.iter().all(has_links) {
             return Err("the corrections have other terms than their errors".into());
         }
         Ok(CorrectedErrors {
@@ -268,7 +268,7 @@ impl StoredCorrectedErrors {
 }
 
 impl StoredTerm {
-    fn is_of_arm(&self, n_links: usize) -> bool {
+    fn has_links(&self, n_links: usize) -> bool {
         match *self {
             Self::Joint(link, axis) | Self::FirstMoment(link, axis) => link < n_links && axis < 3,
             Self::Base(axis) => axis < 3,

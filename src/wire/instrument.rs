@@ -34,7 +34,7 @@ pub struct InstrumentBody {
 
 /// The noise of an instrument, and where it is stated.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stated {
+pub struct StatedInstrument {
     /// The stated noise.
     pub instrument: InstrumentBody,
     /// True if it is stated in a JSON body, under `/instrument`; false if it is stated in the query parameters.
@@ -50,7 +50,7 @@ pub const NOISE_STATED_TWICE: &str = "noise_stated_twice";
 
 impl InstrumentBody {
     /// From the parameters of a query; `None` if no parameter is given.
-    pub fn of_parameters(
+    pub fn from_parameters(
         range_std_mm: Option<f64>,
         range_std_mm_per_m: Option<f64>,
         angle_std_deg: Option<f64>,
@@ -96,25 +96,25 @@ impl InstrumentBody {
 /// [`Invalid`] if both state an instrument.
 pub fn resolve(
     body: Option<InstrumentBody>,
-    beside: Option<InstrumentBody>,
-) -> Result<Option<Stated>, Invalid> {
+    in_query: Option<InstrumentBody>,
+) -> Result<Option<StatedInstrument>, Invalid> {
     let stated = |in_body| {
-        move |instrument| Stated {
+        move |instrument| StatedInstrument {
             instrument,
             in_body,
         }
     };
-    match (body, beside) {
+    match (body, in_query) {
         (Some(_), Some(_)) => Err(Invalid::at(
             "/instrument",
             NOISE_STATED_TWICE,
             "the body states the instrument, and so do parameters beside it: leave one of them out",
         )),
-        (body, beside) => Ok(body.map(stated(true)).or(beside.map(stated(false)))),
+        (body, in_query) => Ok(body.map(stated(true)).or(in_query.map(stated(false)))),
     }
 }
 
-impl Stated {
+impl StatedInstrument {
     /// Checks the values and converts them to the core's noise model.
     pub fn noise(&self, frame: Frame) -> Result<InstrumentNoise, Invalid> {
         let InstrumentBody {
@@ -190,7 +190,7 @@ impl Stated {
     ///
     /// # Errors
     /// As [`Self::noise`]; if the points state their own noise; and if a level is given for positions in the base frame.
-    pub fn state(&self, set: &mut MeasurementSet) -> Result<(), Invalid> {
+    pub fn apply_to(&self, set: &mut MeasurementSet) -> Result<(), Invalid> {
         set.is_levelled = self.instrument.levelled == Some(true);
         if set.is_levelled && set.frame == Frame::Base {
             let detail = "a levelled instrument says where gravity is in its own frame, and these positions are in the robot's base frame: state \
@@ -207,10 +207,10 @@ impl Stated {
         if self.instrument.states_no_noise() && self.instrument.levelled.is_some() {
             return Ok(());
         }
-        self.state_noise(set)
+        self.apply_noise(set)
     }
 
-    fn state_noise(&self, set: &mut MeasurementSet) -> Result<(), Invalid> {
+    fn apply_noise(&self, set: &mut MeasurementSet) -> Result<(), Invalid> {
         let noise = self.noise(set.frame)?;
         let own = set
             .points

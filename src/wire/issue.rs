@@ -104,7 +104,7 @@ pub struct Checker {
 
 impl Checker {
     /// Adds an issue. Issues beyond [`MAX_ISSUES`] are dropped.
-    pub fn note(&mut self, pointer: impl Into<String>, code: &str, detail: impl Into<String>) {
+    pub fn add(&mut self, pointer: impl Into<String>, code: &str, detail: impl Into<String>) {
         if self.issues.len() < MAX_ISSUES {
             self.issues.push(Issue::at(pointer, code, detail));
         }
@@ -113,7 +113,7 @@ impl Checker {
     /// Adds an issue unless `value` is finite and within `[-limit, limit]`.
     pub fn magnitude(&mut self, pointer: impl Into<String>, value: f64, limit: f64, hint: &str) {
         if value.is_nan() || value.abs() > limit {
-            self.note(
+            self.add(
                 pointer,
                 OUT_OF_RANGE,
                 format!("{value} is outside ±{limit}: {hint}"),
@@ -139,7 +139,7 @@ impl Checker {
         if let Some(value) = value.into().filter(|value| !range.contains(value)) {
             let (low, high) = range.into_inner();
             let detail = format!("{value} is outside {low} to {high}: {what}");
-            self.note(pointer, OUT_OF_RANGE, detail);
+            self.add(pointer, OUT_OF_RANGE, detail);
         }
     }
 
@@ -154,7 +154,7 @@ impl Checker {
         let is_wrong = |value: &f64| value.is_nan() || *value <= 0.0 || *value > max;
         if let Some(value) = value.into().filter(is_wrong) {
             let detail = format!("{value} is not above 0 and at most {max}: {what}");
-            self.note(pointer, OUT_OF_RANGE, detail);
+            self.add(pointer, OUT_OF_RANGE, detail);
         }
     }
 
@@ -169,7 +169,7 @@ impl Checker {
         if !range.contains(&n) {
             let (low, high) = range.into_inner();
             let detail = format!("{n} {items}; {low} to {high} are allowed");
-            self.note(pointer, WRONG_LENGTH, detail);
+            self.add(pointer, WRONG_LENGTH, detail);
         }
     }
 
@@ -182,7 +182,7 @@ impl Checker {
         what: &str,
     ) -> bool {
         if found != expected {
-            self.note(
+            self.add(
                 pointer,
                 WRONG_LENGTH,
                 format!("{found} values where {expected} belong: {what}"),
@@ -195,14 +195,14 @@ impl Checker {
     pub fn text(&mut self, pointer: &str, text: &str, max: usize) {
         let n = text.chars().count();
         if n == 0 || n > max {
-            self.note(
+            self.add(
                 pointer,
                 WRONG_LENGTH,
                 format!("{n} characters; 1 to {max} are allowed"),
             );
         }
         if text.contains('\0') {
-            self.note(
+            self.add(
                 pointer,
                 "nul_character",
                 "it contains U+0000, which the database cannot store: remove it",
@@ -214,7 +214,7 @@ impl Checker {
     pub fn words(&mut self, pointer: &str, text: &str, max: usize) {
         self.text(pointer, text, max);
         if !text.is_empty() && !text.chars().any(is_readable) {
-            self.note(
+            self.add(
                 pointer,
                 "blank",
                 "there is nothing to read in it: write at least one letter or digit",

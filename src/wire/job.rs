@@ -205,7 +205,7 @@ impl JobRequestBody {
         if let Some(VerifyBody::Fraction { fraction }) = self.verify
             && !(fraction > 0.0 && fraction < 1.0)
         {
-            checker.note(
+            checker.add(
                 "/verify/fraction",
                 "out_of_range",
                 format!("{fraction} is not between 0 and 1, e.g. 0.5"),
@@ -222,7 +222,7 @@ impl JobRequestBody {
         if self.holds_parameter_set() && self.parameter_set_id.is_none() {
             let detail =
                 "the rest is held at the values of a parameter set: name it in parameter_set_id";
-            checker.note("/parameters/rest", "parameter_set_missing", detail);
+            checker.add("/parameters/rest", "parameter_set_missing", detail);
         }
         checker.finish("invalid_job")?;
         self.check_applicable()
@@ -255,7 +255,7 @@ impl JobRequestBody {
         ];
         let refused = cases.iter().filter(|(is_asked_for, ..)| *is_asked_for);
         for (_, pointer, detail) in refused.filter(|_| self.measurement_set_ids.is_some()) {
-            checker.note(*pointer, "not_applicable", *detail);
+            checker.add(*pointer, "not_applicable", *detail);
         }
         checker.finish("invalid_job")
     }
@@ -292,7 +292,7 @@ impl JobRequestBody {
     fn check_applicable(&self) -> Result<(), Invalid> {
         let mut checker = Checker::default();
         let mut unused =
-            |pointer: &str, detail: &str| checker.note(pointer, "not_applicable", detail);
+            |pointer: &str, detail: &str| checker.add(pointer, "not_applicable", detail);
         if self.network_id.is_some() && !matches!(self.method, Method::BpnnPso | Method::Auto) {
             unused(
                 "/network_id",
@@ -348,7 +348,7 @@ impl JobRequestBody {
         if matches!(&self.verify, Some(VerifyBody::Set { measurement_set_id }) if self.set_ids().contains(&measurement_set_id.as_str()))
         {
             let detail = "a set cannot verify what was identified from it: name another set, or leave verify out to keep a part of this one";
-            checker.note("/verify/measurement_set_id", "same_set", detail);
+            checker.add("/verify/measurement_set_id", "same_set", detail);
         }
         checker.finish("invalid_job")
     }

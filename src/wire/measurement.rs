@@ -185,7 +185,7 @@ pub fn from_file(
     };
     let (mut set, mut reading) = table_upload::read(&files, &options)?;
     if let Some(stated) = instrument::resolve(None, upload.instrument)? {
-        stated.state(&mut set)?;
+        stated.apply_to(&mut set)?;
         reading.instrument = Some(stated.instrument);
     }
     Ok((set, Some(reading)))
@@ -273,7 +273,7 @@ fn parse_stored(
     let rotation = declared_rotation(content_type);
     if let Some(reading) = reading {
         let files = Files::new(content_type, bytes)?;
-        return table_upload::read_again(reading, &files, rotation, frame, n_joints);
+        return table_upload::read_stored(reading, &files, rotation, frame, n_joints);
     }
     let decimal = declared_decimal(content_type).unwrap_or_default();
     own_form::parse_as(decimal, rotation, bytes, frame, n_joints)
@@ -315,9 +315,9 @@ impl MeasurementSetBody {
         self.set_as(frame, n_joints, &reading)
     }
 
-    /// The reading to store with the upload; none if no instrument is stated. `beside` is the instrument that the query states.
-    pub fn reading(&self, beside: Option<InstrumentBody>) -> Option<Reading> {
-        let instrument = self.instrument.or(beside)?;
+    /// The reading to store with the upload; none if no instrument is stated. `in_query` is the instrument that the query states.
+    pub fn reading(&self, in_query: Option<InstrumentBody>) -> Option<Reading> {
+        let instrument = self.instrument.or(in_query)?;
         Some(Reading {
             instrument: Some(instrument),
             ..Reading::default()
@@ -355,7 +355,7 @@ impl MeasurementSetBody {
             .collect();
         let mut set = MeasurementSet::new(frame, points);
         if let Some(stated) = instrument::resolve(self.instrument, reading.instrument)? {
-            stated.state(&mut set)?;
+            stated.apply_to(&mut set)?;
         }
         Ok(set)
     }
@@ -368,7 +368,7 @@ impl MeasurementSetBody {
         if names.len() > MAX_TARGETS {
             let n = names.len();
             let detail = format!("{n} target_name; a tool has at most {MAX_TARGETS} targets");
-            checker.note("/points", "too_many_targets", detail);
+            checker.add("/points", "too_many_targets", detail);
         }
         let ways: [(&str, &str, States); 4] = [
             ("target_name", "mixed_target_names", |p| {
@@ -389,7 +389,7 @@ impl MeasurementSetBody {
                     "{with_std} of {} points have {name} and this one has none; give it to every point or to none",
                     self.points.len()
                 );
-                checker.note(format!("/points/{i}/{name}"), code, detail);
+                checker.add(format!("/points/{i}/{name}"), code, detail);
             }
         }
     }
@@ -407,7 +407,7 @@ impl MeasurementSetBody {
                 "{n_poses} of {} points are poses and this one has no quaternion; upload positions and poses as sets of their own",
                 self.points.len()
             );
-            checker.note(format!("/points/{i}/quaternion"), "mixed_kinds", detail);
+            checker.add(format!("/points/{i}/quaternion"), "mixed_kinds", detail);
         }
         let with_std = self
             .points
@@ -419,7 +419,7 @@ impl MeasurementSetBody {
                 "{with_std} of {} points have std_rotation_deg; give it to every pose or to none",
                 self.points.len()
             );
-            checker.note("/points", "mixed_std_rotation_deg", detail);
+            checker.add("/points", "mixed_std_rotation_deg", detail);
         }
     }
 

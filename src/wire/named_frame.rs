@@ -124,11 +124,11 @@ pub fn check_name(name: &str, max: usize) -> Result<(), Invalid> {
     checker.words("/name", name, max);
     if name.trim() != name || name.contains('/') {
         let detail = "a name has no space around it and no / in it";
-        checker.note("/name", "invalid_name", detail);
+        checker.add("/name", "invalid_name", detail);
     }
     if OWN_FRAMES.contains(&name) {
         let detail = format!("{name} is a frame that every robot has: take another name");
-        checker.note("/name", "reserved_name", detail);
+        checker.add("/name", "reserved_name", detail);
     }
     checker.finish("invalid_name")
 }
@@ -167,7 +167,7 @@ impl WorkFrameBody {
     }
 
     /// The warning about a frame whose points do not fit well; `None` if they fit, and for a frame whose pose was entered.
-    pub fn doubt(&self, frame: &WorkFrame) -> Option<Warning> {
+    pub fn misfit_warning(&self, frame: &WorkFrame) -> Option<Warning> {
         self.points.as_ref()?;
         let std_mm = self.std_mm.unwrap_or(0.0);
         let doubt = FixtureDoubt::of(&self.fixture_points(), frame, std_mm)?;
@@ -245,12 +245,12 @@ impl WorkFrameBody {
         let is_typed =
             self.translation_mm.is_some() || self.quaternion.is_some() || self.rotation.is_some();
         match (&self.points, is_typed) {
-            (Some(_), true) => checker.note(
+            (Some(_), true) => checker.add(
                 "/points",
                 "typed_and_measured",
                 "a work frame is either typed (translation_mm, quaternion or rotation) or measured (points): give one",
             ),
-            (None, false) => checker.note(
+            (None, false) => checker.add(
                 "",
                 "no_frame",
                 "give translation_mm with quaternion or rotation, or three or more points that were measured",
@@ -258,12 +258,12 @@ impl WorkFrameBody {
             _ => (),
         }
         match (self.reference, &self.measurement_set_id) {
-            (WorkFrameReference::Measuring, None) => checker.note(
+            (WorkFrameReference::Measuring, None) => checker.add(
                 "/measurement_set_id",
                 "missing",
                 "each set-up of the instrument has a measuring frame of its own: name the measurement set in whose frame the numbers are given",
             ),
-            (WorkFrameReference::Base, Some(_)) => checker.note(
+            (WorkFrameReference::Base, Some(_)) => checker.add(
                 "/measurement_set_id",
                 "not_of_base",
                 "it goes with reference measuring; numbers in the base frame need no set",
@@ -272,7 +272,7 @@ impl WorkFrameBody {
         }
         if self.reference == WorkFrameReference::Base && self.station.is_some() {
             let detail = "a station goes with reference measuring: remove it";
-            checker.note("/station", "not_of_base", detail);
+            checker.add("/station", "not_of_base", detail);
         }
         if let Some(id) = &self.measurement_set_id {
             checker.text("/measurement_set_id", id, MAX_ID);
@@ -307,7 +307,7 @@ impl WorkFrameBody {
     pub fn answer(self, name: String, created_at: String) -> Result<WorkFrameAnswer, Invalid> {
         let frame = self.work_frame()?;
         let is_measured = !frame.residuals_mm.is_empty();
-        let warnings = self.doubt(&frame).into_iter().collect();
+        let warnings = self.misfit_warning(&frame).into_iter().collect();
         Ok(WorkFrameAnswer {
             name,
             reference: self.reference,

@@ -87,7 +87,7 @@ impl OptionsBody {
             let detail = format!(
                 "n_particles × n_iterations is {evaluations}; at most {MAX_EVALUATIONS} cost evaluations are allowed"
             );
-            checker.note("/options/n_iterations", "too_much_work", detail);
+            checker.add("/options/n_iterations", "too_much_work", detail);
         }
         for (name, value, max) in [
             ("inertia_weight", self.inertia_weight, MAX_COEFFICIENT),

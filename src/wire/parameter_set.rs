@@ -172,7 +172,7 @@ impl From<&CalibrationReport> for ParameterSetContent {
 /// The model with link parameters only, without corrections. A target that moved during the measurement has its last position.
 impl From<&ParameterSetContent> for KinematicModel {
     fn from(content: &ParameterSetContent) -> Self {
-        content.links_alone(None)
+        content.links_without_corrections(None)
     }
 }
 
@@ -185,14 +185,14 @@ impl ParameterSetContent {
             .as_ref()
             .zip(self.corrections.as_ref());
         IdentifiedRobot {
-            plain: self.links_alone(segment),
+            plain: self.links_without_corrections(segment),
             corrected: with_corrections.map(|(links, corrections)| {
                 corrections.corrected_model(links.iter().map(Link::from).collect(), segment)
             }),
         }
     }
 
-    fn links_alone(&self, segment: Option<u32>) -> KinematicModel {
+    fn links_without_corrections(&self, segment: Option<u32>) -> KinematicModel {
         let n_targets = self.targets.iter().map(|t| t.target + 1).max().unwrap_or(0);
         let target_mm = |target| {
             self.target_mm(target, segment)
@@ -225,7 +225,7 @@ impl ParameterSetContent {
             );
         }
         if self.links_with_corrections.is_some() != self.corrections.is_some() {
-            checker.note(
+            checker.add(
                 "/corrections",
                 "incomplete",
                 "links_with_corrections and corrections belong together",

@@ -38,14 +38,14 @@ impl ParametersBody {
     /// Makes all checks that need only the body and not the robot.
     pub(super) fn check(&self, checker: &mut Checker) {
         if self.hold.is_some() && self.identify.is_some() {
-            checker.note(
+            checker.add(
                 "/parameters",
                 "hold_and_identify",
                 "give either hold or identify, not both",
             );
         }
         if self.rest == Some(Rest::ParameterSet) && self.identify.is_none() {
-            checker.note(
+            checker.add(
                 "/parameters/rest",
                 "identify_missing",
                 "name what is identified anew in identify; the rest is held",

@@ -111,7 +111,7 @@ impl PointBody {
         );
         if self.target.is_some() && self.target_name.is_some() {
             let detail = "target and target_name both say the reflector: leave one of them out";
-            checker.note(format!("{at}/target_name"), "duplicate_target", detail);
+            checker.add(format!("{at}/target_name"), "duplicate_target", detail);
         }
         let std = "a standard uncertainty, mm";
         checker.within(
@@ -122,7 +122,7 @@ impl PointBody {
         );
         self.check_directions(at, checker);
         if let Some(Err((code, detail))) = self.quaternion.map(unit_quaternion) {
-            checker.note(format!("{at}/quaternion"), code, detail);
+            checker.add(format!("{at}/quaternion"), code, detail);
         }
         let range_deg = MIN_STD_ROTATION_RAD.to_degrees()..=MAX_STD_ROTATION_RAD.to_degrees();
         checker.within(
@@ -133,7 +133,7 @@ impl PointBody {
         );
         if self.std_rotation_deg.is_some() && self.quaternion.is_none() {
             let detail = "only a pose has std_rotation_deg: add a quaternion, or remove it";
-            checker.note(format!("{at}/std_rotation_deg"), "mixed_kinds", detail);
+            checker.add(format!("{at}/std_rotation_deg"), "mixed_kinds", detail);
         }
         let temperature_c = self.temperature_c.unwrap_or(0.0);
         let hint = "temperatures are in °C";
@@ -157,7 +157,7 @@ impl PointBody {
         if let Some(text) = self.measured_at.as_deref().filter(|text| !is_time(text)) {
             let shown: String = text.chars().take(40).collect();
             let detail = format!("{shown:?} is not a time; write it as {EXAMPLE_OF_A_TIME}");
-            checker.note(format!("{at}/measured_at"), "not_a_time", detail);
+            checker.add(format!("{at}/measured_at"), "not_a_time", detail);
         }
     }
 
@@ -171,7 +171,7 @@ impl PointBody {
         if let Some(covariance) = self.covariance_mm2 {
             let noise = PositionNoise::of_stated_covariance(&matrix(covariance));
             if let Err(detail) = noise {
-                checker.note(format!("{at}/covariance_mm2"), NOT_A_COVARIANCE, detail);
+                checker.add(format!("{at}/covariance_mm2"), NOT_A_COVARIANCE, detail);
             }
         }
         let stated = [
@@ -182,7 +182,7 @@ impl PointBody {
         let mut names = stated.iter().filter(|(_, is)| *is).map(|(name, _)| name);
         if let (Some(one), Some(other)) = (names.next(), names.next()) {
             let detail = format!("{one} and {other} say the same twice: keep one of them");
-            checker.note(
+            checker.add(
                 format!("{at}/{other}"),
                 instrument::NOISE_STATED_TWICE,
                 detail,

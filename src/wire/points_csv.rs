@@ -59,7 +59,7 @@ fn columns<'c>(set: &MeasurementSet, has_own_noise: bool) -> Vec<(String, Cell<'
         };
         column(&format!("quat_{name}"), Box::new(cell));
     }
-    // numbers of targets that have names follow from these
+    // The names of targets determine their numbers.
     let has_names = set.points.iter().any(|p| p.target_name.is_some());
     if !has_names && set.n_targets() > 1 {
         column("target", Box::new(|p| Some(p.target.to_string())));

@@ -311,7 +311,7 @@ impl PosePlanBody {
         );
         let fewest = self.shares().into_iter().min().unwrap_or(0);
         if self.n_repeats.is_some_and(|repeats| repeats > fewest / 2) {
-            checker.note(
+            checker.add(
                 "/n_repeats",
                 "out_of_range",
                 "at most half of the configurations can be repeats of the others",
@@ -327,7 +327,7 @@ impl PosePlanBody {
         );
         if is_pose && self.model == Some(Model::Paper) {
             let detail = "the paper's model is identified from positions: remove the model, or plan positions";
-            checker.note("/kind", "mixed_kinds", detail);
+            checker.add("/kind", "mixed_kinds", detail);
         }
         check_place("/target_mm", self.target_mm, checker);
         let floor_z_mm = self.floor_z_mm.unwrap_or(0.0);
@@ -346,11 +346,11 @@ impl PosePlanBody {
                 "a direction has components from -1 to 1: [0, 0, 1] is along the flange's z axis";
             checker.magnitudes("/target_axis", &axis, 1.0, hint);
             if Vector3::from(axis).norm() < SHORTEST_AXIS {
-                checker.note("/target_axis", "out_of_range", format!("zero: {hint}"));
+                checker.add("/target_axis", "out_of_range", format!("zero: {hint}"));
             }
             if !has_instrument {
                 let detail = "a direction counts only for an instrument whose place is known: add instrument_mm, or remove it";
-                checker.note("/target_axis", "missing", detail);
+                checker.add("/target_axis", "missing", detail);
             }
         }
         checker.within(
@@ -361,7 +361,7 @@ impl PosePlanBody {
         );
         if self.target_half_angle_deg.is_some() && self.target_axis.is_none() {
             let detail = "the cone needs its axis: add target_axis, or remove the angle";
-            checker.note("/target_half_angle_deg", "missing", detail);
+            checker.add("/target_half_angle_deg", "missing", detail);
         }
     }
 
@@ -378,11 +378,11 @@ impl PosePlanBody {
                 self.n_configurations,
                 n * MIN_PER_SET_UP
             );
-            checker.note("/set_ups", "too_few_configurations", detail);
+            checker.add("/set_ups", "too_few_configurations", detail);
         }
         if n > 0 && self.instrument_mm.is_some() {
             let detail = "each set-up has its own instrument_mm: write it there";
-            checker.note("/instrument_mm", "mixed_kinds", detail);
+            checker.add("/instrument_mm", "mixed_kinds", detail);
         }
         for (i, set_up) in self.set_ups.iter().enumerate() {
             let at = format!("/set_ups/{i}");
@@ -392,7 +392,7 @@ impl PosePlanBody {
                 .any(|other| other.name == set_up.name)
             {
                 let detail = format!("{:?} is the name of two set-ups", set_up.name);
-                checker.note(format!("{at}/name"), "duplicate", detail);
+                checker.add(format!("{at}/name"), "duplicate", detail);
             }
             check_place(
                 &format!("{at}/instrument_mm"),
@@ -420,7 +420,7 @@ fn check_boxes(at: &str, boxes: &[BoxBody], checker: &mut Checker) {
         check_place(&format!("{at}/{i}/max_mm"), Some(b.max_mm), checker);
         if (0..3).any(|k| b.min_mm[k] >= b.max_mm[k]) {
             let detail = "min_mm is the lowest corner and max_mm the highest";
-            checker.note(format!("{at}/{i}"), "corners_reversed", detail);
+            checker.add(format!("{at}/{i}"), "corners_reversed", detail);
         }
     }
 }

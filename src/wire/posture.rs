@@ -88,7 +88,7 @@ impl ShownOrientation {
         }
         if n_given != 1 {
             let detail = "give the orientation in one form: kuka_abc_deg, fanuc_wpr_deg, ur_rotation_vector_rad or quaternion";
-            checker.note(at, "not_one_orientation", detail);
+            checker.add(at, "not_one_orientation", detail);
         }
         check_rotation(checker, at, self.quaternion, None);
     }

@@ -68,7 +68,7 @@ pub fn check(priors: &[Prior], checker: &mut Checker) {
         if let (Some(min), Some(max)) = (prior.min, prior.max)
             && min > max
         {
-            checker.note(
+            checker.add(
                 at("min"),
                 "out_of_range",
                 format!("min {min} is above max {max}"),
@@ -85,7 +85,7 @@ pub fn check_applicable(request: &CalibrationRequest) -> Result<(), Invalid> {
     };
     let mut checker = Checker::default();
     for fault in &faults {
-        checker.note(
+        checker.add(
             format!("/parameters/priors/{}/{}", fault.index, fault.field),
             fault.code,
             fault.detail.clone(),

@@ -103,7 +103,7 @@ impl ReferenceBody {
                     "{} mm were measured of {} mm: more than 1 % off. Check the unit, and that both are of the same length",
                     item.measured_mm, item.nominal_mm
                 );
-                checker.note(format!("{at}/measured_mm"), "implausible_length", detail);
+                checker.add(format!("{at}/measured_mm"), "implausible_length", detail);
             }
             let std = format!("{at}/std_mm");
             let what = "a standard uncertainty, mm";

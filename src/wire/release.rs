@@ -31,7 +31,7 @@ impl Gate {
     }
 
     /// Sets `warning`, if the gate passed.
-    pub fn warned(self, warning: bool) -> Self {
+    pub fn with_warning(self, warning: bool) -> Self {
         Self {
             warning: warning && self.passed,
             ..self

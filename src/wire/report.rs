@@ -113,7 +113,7 @@ fn named(warning: &report::Warning, core: &CalibrationReport) -> Warning {
         true => core.per_point.iter().filter(is_own).count(),
         false => 0,
     };
-    Warning::from(warning).naming(|row| core.per_point.get(first + row)?.name.as_deref())
+    Warning::from(warning).with_point_names(|row| core.per_point.get(first + row)?.name.as_deref())
 }
 
 /// SHA-256 of the report, the parameter set, the convergence curve and the network's hash. Identifiers, names of points, times, durations and comparisons
@@ -144,7 +144,7 @@ fn result_sha256(
                 !ABOUT_EARLIER_SESSIONS.contains(&warning["code"].as_str().unwrap_or_default())
             });
         }
-        // the time of a comparison, and the names of points in their file
+        // Removes the duration of a comparison, and the names of points.
         for (rows, field) in [
             ("/comparison", "duration_ms"),
             ("/per_point", "name"),

@@ -284,7 +284,7 @@ impl LinkBody {
         let limits = format!("{at}/joint_limits_deg");
         checker.magnitudes(&limits, &[lo, hi], MAX_JOINT_DEG, degrees);
         if lo >= hi {
-            checker.note(
+            checker.add(
                 format!("{at}/joint_limits_deg"),
                 "limits_reversed",
                 format!("[{lo}, {hi}]: the lower limit comes first"),
@@ -298,7 +298,7 @@ impl JointMapBody {
         if let Some(sign) = &self.sign {
             checker.length("/joint_map/sign", sign.len(), n, "one sign per link");
             for (i, s) in sign.iter().enumerate().filter(|(_, s)| s.abs() != 1.0) {
-                checker.note(
+                checker.add(
                     format!("/joint_map/sign/{i}"),
                     "out_of_range",
                     format!("{s} is neither 1 nor -1"),
@@ -334,7 +334,7 @@ fn check_coupling(rows: &[Vec<f64>], n: usize, checker: &mut Checker) {
         checker.magnitudes(&at, row, MAX_COUPLING, hint);
     }
     if square && matrix(rows).determinant().abs() < MIN_COUPLING_DETERMINANT {
-        checker.note(
+        checker.add(
             at,
             "not_invertible",
             "the matrix cannot be inverted; a robot without couplings has the identity",
@@ -349,7 +349,7 @@ impl GravityDirection {
             let detail = format!(
                 "its length is {length}; give the unit vector along which things fall, e.g. [0, 0, -1] for a robot on the floor"
             );
-            checker.note("/mounting/gravity_in_base", "not_a_direction", detail);
+            checker.add("/mounting/gravity_in_base", "not_a_direction", detail);
         }
         checker.within("/mounting/std_deg", self.std_deg, 0.0..=90.0, "degrees");
     }

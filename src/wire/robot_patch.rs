@@ -15,7 +15,7 @@ pub struct RobotPatchBody {
     #[serde(
         default,
         skip_serializing_if = "Option::is_none",
-        deserialize_with = "not_null"
+        deserialize_with = "deserialize_non_null"
     )]
     #[schema(value_type = String, min_length = 1, max_length = 200, required = false)]
     pub name: Option<String>,
@@ -23,7 +23,7 @@ pub struct RobotPatchBody {
     #[serde(
         default,
         skip_serializing_if = "Option::is_none",
-        deserialize_with = "given"
+        deserialize_with = "deserialize_nullable"
     )]
     #[schema(value_type = Option<String>, min_length = 1, max_length = 200)]
     pub serial_number: Option<Option<String>>,
@@ -31,7 +31,7 @@ pub struct RobotPatchBody {
     #[serde(
         default,
         skip_serializing_if = "Option::is_none",
-        deserialize_with = "given"
+        deserialize_with = "deserialize_nullable"
     )]
     #[schema(value_type = Option<String>, min_length = 1, max_length = 10000)]
     pub description: Option<Option<String>>,
@@ -39,7 +39,7 @@ pub struct RobotPatchBody {
     #[serde(
         default,
         skip_serializing_if = "Option::is_none",
-        deserialize_with = "given"
+        deserialize_with = "deserialize_nullable"
     )]
     #[schema(value_type = Option<MountingBody>)]
     pub mounting: Option<Option<MountingBody>>,
@@ -47,7 +47,7 @@ pub struct RobotPatchBody {
     #[serde(
         default,
         skip_serializing_if = "Option::is_none",
-        deserialize_with = "not_null"
+        deserialize_with = "deserialize_non_null"
     )]
     #[schema(value_type = Vec<Option<[f64; 2]>>, min_items = 1, max_items = 12, required = false)]
     pub joint_limits_deg: Option<Vec<Option<[f64; 2]>>>,
@@ -55,7 +55,7 @@ pub struct RobotPatchBody {
     #[serde(
         default,
         skip_serializing_if = "Option::is_none",
-        deserialize_with = "given"
+        deserialize_with = "deserialize_nullable"
     )]
     #[schema(value_type = Option<JointMapBody>)]
     pub joint_map: Option<Option<JointMapBody>>,
@@ -73,14 +73,14 @@ pub struct EditedRobot {
 }
 
 /// Deserialises a field that may be absent but not null.
-fn not_null<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
+fn deserialize_non_null<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
     deserializer: D,
 ) -> Result<Option<T>, D::Error> {
     T::deserialize(deserializer).map(Some)
 }
 
 /// Deserialises a field so that null (`Some(None)`) differs from an absent field (`None`).
-fn given<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
+fn deserialize_nullable<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
     deserializer: D,
 ) -> Result<Option<Option<T>>, D::Error> {
     Option::deserialize(deserializer).map(Some)

@@ -31,7 +31,7 @@ const MAX_HIDDEN: usize = 1_000;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct NetworkMetadata {
     /// Kind of network.
-    #[serde(default, skip_serializing_if = "is_usual")]
+    #[serde(default, skip_serializing_if = "is_link_parameters")]
     pub kind: NetworkKind,
     /// Names of inputs and outputs, in order.
     pub parameter_names: Vec<String>,
@@ -48,7 +48,7 @@ pub struct NetworkMetadata {
 }
 
 #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde hands a reference")]
-fn is_usual(kind: &NetworkKind) -> bool {
+fn is_link_parameters(kind: &NetworkKind) -> bool {
     *kind == NetworkKind::default()
 }
 

@@ -48,7 +48,7 @@ impl SessionRecord {
                     let detail = format!(
                         "{time:?} is not a time: write date, time and offset from UTC, as in 2026-03-01T08:15:30Z"
                     );
-                    checker.note("/measured_at", "not_a_time", detail);
+                    checker.add("/measured_at", "not_a_time", detail);
                 }
             }
         }
@@ -58,7 +58,7 @@ impl SessionRecord {
 
     /// The record of an upload; `None` if neither the record nor a point states anything. If the record has no time, the earliest time of
     /// the points is taken.
-    pub fn of_set(stated: Option<Self>, set: &MeasurementSet) -> Option<Self> {
+    pub fn for_set(stated: Option<Self>, set: &MeasurementSet) -> Option<Self> {
         if stated.as_ref().is_some_and(|of| of.measured_at.is_some()) {
             return stated;
         }

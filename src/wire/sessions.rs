@@ -24,20 +24,20 @@ pub fn check(one: Option<&String>, several: Option<&[String]>) -> Result<(), Inv
     let at = "/measurement_set_ids";
     if one.is_some() {
         let detail = "measurement_set_id names one set and measurement_set_ids those of several sessions: leave one of the two out";
-        checker.note("/measurement_set_id", "not_applicable", detail);
+        checker.add("/measurement_set_id", "not_applicable", detail);
     }
     if !(2..=MAX_SESSIONS).contains(&ids.len()) {
         let detail = format!(
             "{} sets; 2 to {MAX_SESSIONS} sessions are fitted together, and one set is named in measurement_set_id",
             ids.len()
         );
-        checker.note(at, "out_of_range", detail);
+        checker.add(at, "out_of_range", detail);
     }
     for (place, id) in ids.iter().enumerate() {
         if let Some(first) = ids[..place].iter().position(|other| other == id) {
             let detail =
                 format!("the same set as {at}/{first}, and no set counts twice: leave it out");
-            checker.note(format!("{at}/{place}"), "same_set", detail);
+            checker.add(format!("{at}/{place}"), "same_set", detail);
         }
     }
     checker.finish("invalid_job")

@@ -90,7 +90,7 @@ pub struct UploadOptions<'a> {
 }
 
 impl UploadOptions<'_> {
-    fn of_file<'m>(&self, mapping: &'m Mapping, part: FilePart) -> TableOptions<'m> {
+    fn for_file<'m>(&self, mapping: &'m Mapping, part: FilePart) -> TableOptions<'m> {
         TableOptions {
             mapping,
             n_joints: self.n_joints,
@@ -110,7 +110,7 @@ pub fn read(files: &Files, options: &UploadOptions) -> Result<(MeasurementSet, R
         state_decimal(&mut mapping, options.decimal)?;
         mappings.push(mapping);
     }
-    let read = |at: usize| one(files.files[at], &mappings[at], options);
+    let read = |at: usize| read_file(files.files[at], &mappings[at], options);
     if files.files.len() == 1 {
         let content = read(0)?;
         let set = MeasurementSet::new(options.frame, content.points);
@@ -159,7 +159,7 @@ fn joined(
 ///
 /// # Errors
 /// [`Invalid`]. This does not happen for an upload that was accepted once.
-pub fn read_again(
+pub fn read_stored(
     reading: &Reading,
     files: &Files,
     rotation: Option<RotationConvention>,
@@ -179,7 +179,7 @@ pub fn read_again(
         let file = files.files.get(at).copied();
         let file =
             file.ok_or_else(|| Invalid::at("", "unreadable", "the upload has no such file"))?;
-        one(file, &understood.mapping(), &options)
+        read_file(file, &understood.mapping(), &options)
     };
     let mut set = match (&reading.understood, &reading.joined) {
         (_, Some(two)) => {
@@ -196,7 +196,7 @@ pub fn read_again(
         }
     };
     if let Some(stated) = instrument::resolve(None, reading.instrument)? {
-        stated.state(&mut set)?;
+        stated.apply_to(&mut set)?;
     }
     Ok(set)
 }
@@ -234,16 +234,16 @@ fn source<'a>(bytes: &'a [u8], mapping: &mut Mapping) -> Result<Source<'a>, Inva
     Source::from_bytes(bytes).map_err(|error| table_error(&error))
 }
 
-fn one(
+fn read_file(
     (part, bytes): (FilePart, &[u8]),
     mapping: &Mapping,
     options: &UploadOptions,
 ) -> Result<Content, Invalid> {
     let mut mapping = mapping.clone();
     let read = source(bytes, &mut mapping).and_then(|source| {
-        points::read(source, &options.of_file(&mapping, part)).map_err(|error| table_error(&error))
+        points::read(source, &options.for_file(&mapping, part)).map_err(|error| table_error(&error))
     });
-    read.map_err(|error| of_file(error, part))
+    read.map_err(|error| with_part_name(error, part))
 }
 
 /// Makes a preview of one file of an upload.
@@ -258,9 +258,9 @@ pub fn preview(
 ) -> Result<Preview, Invalid> {
     let mut mapping = options.columns.mapping(part)?;
     state_decimal(&mut mapping, options.decimal)?;
-    let source = source(bytes, &mut mapping).map_err(|error| of_file(error, part))?;
-    points::preview(source, &options.of_file(&mapping, part), n_rows)
-        .map_err(|error| of_file(table_error(&error), part))
+    let source = source(bytes, &mut mapping).map_err(|error| with_part_name(error, part))?;
+    points::preview(source, &options.for_file(&mapping, part), n_rows)
+        .map_err(|error| with_part_name(table_error(&error), part))
 }
 
 fn invalid(issues: Vec<Issue>) -> Invalid {
@@ -271,7 +271,7 @@ fn invalid(issues: Vec<Issue>) -> Invalid {
 }
 
 /// Adds to each issue which of the two files it is about.
-fn of_file(mut error: Invalid, part: FilePart) -> Invalid {
+fn with_part_name(mut error: Invalid, part: FilePart) -> Invalid {
     if part != FilePart::Table {
         for issue in &mut error.issues {
             issue.pointer = Some(format!("/{}", part.as_str()));

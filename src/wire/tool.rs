@@ -59,10 +59,10 @@ pub(super) fn check_rotation(
 ) {
     if quaternion.is_some() && matrix.is_some() {
         let detail = "a rotation is either a quaternion or a matrix (rotation): give one";
-        checker.note(format!("{at}/quaternion"), "two_rotations", detail);
+        checker.add(format!("{at}/quaternion"), "two_rotations", detail);
     }
     if let Some(Err((code, detail))) = quaternion.map(unit_quaternion) {
-        checker.note(format!("{at}/quaternion"), code, detail);
+        checker.add(format!("{at}/quaternion"), code, detail);
     }
     let Some(rows) = matrix else {
         return;
@@ -71,7 +71,7 @@ pub(super) fn check_rotation(
     let off = (rotation * rotation.transpose() - Matrix3::identity()).amax();
     if off.is_nan() || off > ROTATION_TOLERANCE || rotation.determinant() < 0.0 {
         let detail = "it is not a rotation matrix: rows of length 1, at right angles, right-handed; leave it out for no rotation";
-        checker.note(format!("{at}/rotation"), "not_a_rotation", detail);
+        checker.add(format!("{at}/rotation"), "not_a_rotation", detail);
     }
 }
 

@@ -218,7 +218,7 @@ impl From<&Understood> for UnderstoodBody {
         let column = |(used, name): &(crate::measurement::table::columns::Used, String)| {
             let (means, unit) = split(&used.means);
             UnderstoodColumn {
-                column: shown(name),
+                column: shortened(name),
                 number: used.place + 1,
                 means: means.into(),
                 unit: unit.map(str::to_owned),
@@ -237,20 +237,24 @@ impl From<&Understood> for UnderstoodBody {
                 .ignored
                 .iter()
                 .take(MAX_NAMED)
-                .map(|name| shown(name))
+                .map(|name| shortened(name))
                 .collect(),
             skipped_rows: found.skipped_rows,
-            reflectors: found.reflectors.iter().map(|name| shown(name)).collect(),
-            unread: UnreadPoints::of(&found.unread),
+            reflectors: found
+                .reflectors
+                .iter()
+                .map(|name| shortened(name))
+                .collect(),
+            unread: UnreadPoints::from_unread(&found.unread),
         }
     }
 }
 
 impl UnreadPoints {
-    fn of(unread: &[Unread]) -> Option<Self> {
+    fn from_unread(unread: &[Unread]) -> Option<Self> {
         let point = |point: &Unread| UnreadPoint {
             line: point.line,
-            name: shown(&point.name),
+            name: shortened(&point.name),
             reason: point.reason.as_str().into(),
         };
         (!unread.is_empty()).then(|| Self {
@@ -260,7 +264,7 @@ impl UnreadPoints {
     }
 }
 
-fn shown(name: &str) -> String {
+fn shortened(name: &str) -> String {
     name.chars().take(MAX_NAME_SHOWN).collect()
 }
 
@@ -284,7 +288,7 @@ impl UnderstoodBody {
     pub fn with_targets_of(mut self, set: &MeasurementSet) -> Self {
         let names = set.target_names();
         if !names.is_empty() {
-            self.reflectors = names.into_iter().map(shown).collect();
+            self.reflectors = names.into_iter().map(shortened).collect();
         }
         self
     }
@@ -332,7 +336,7 @@ impl From<&[Leftover]> for Leftovers {
     fn from(rows: &[Leftover]) -> Self {
         let row = |row: &Leftover| LeftoverRow {
             line: row.line,
-            label: shown(&row.label),
+            label: shortened(&row.label),
         };
         Self {
             n: rows.len(),

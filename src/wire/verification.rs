@@ -48,7 +48,7 @@ pub struct Verification {
     pub measured_seq: i64,
     /// Number of the last session that did not fit the robot, in the robot's counter; 0 for none. If yet another session does not fit before these
     /// facts are stored, the points count as a repeat, because they were not compared with the uploads from before that session.
-    pub check_seq: i64,
+    pub misfit_seq: i64,
     /// Largest predicted uncertainty of the tool over the workspace, mm; only for an identification.
     pub uncertainty_mm: Option<f64>,
 }

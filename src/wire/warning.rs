@@ -34,7 +34,7 @@ impl Warning {
     }
 
     /// Adds the names of its points. `name` gives the name of the point in a row.
-    pub fn naming<'n>(mut self, name: impl Fn(usize) -> Option<&'n str>) -> Self {
+    pub fn with_point_names<'n>(mut self, name: impl Fn(usize) -> Option<&'n str>) -> Self {
         let names = self.rows.iter().map(|row| name(*row).map(str::to_owned));
         self.points = names.collect::<Option<_>>().unwrap_or_default();
         self

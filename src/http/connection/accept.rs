@@ -38,7 +38,8 @@ const MAX_HEADER_BYTES: usize = 32 * 1024;
 const ACCEPT_RETRY_DELAY: Duration = Duration::from_millis(50);
 /// Grace period at shutdown: connections and requests that arrive this long after the signal are still accepted and answered.
 const SHUTDOWN_GRACE: Duration = Duration::from_millis(100);
-/// Maximum number of connections accepted during [`SHUTDOWN_GRACE`], and again of those that the operating system has queued by then.
+/// Maximum number of connections accepted during [`SHUTDOWN_GRACE`]. The same limit applies to those that the operating system has queued by
+/// its end.
 const MAX_ACCEPTED_AT_SHUTDOWN: usize = 4096;
 /// Maximum number of clients that receive [`TOO_MANY_CONNECTIONS_ANSWER`] at the same time. Other clients are disconnected without an answer.
 const MAX_TURNED_AWAY: usize = 256;
@@ -163,7 +164,9 @@ impl Connections {
             self.served.spawn(connection(stream, peer, service.clone()));
             return;
         }
-        service.metrics.refused_connection(TOO_MANY_CONNECTIONS);
+        service
+            .metrics
+            .record_refused_connection(TOO_MANY_CONNECTIONS);
         if self.turned_away.len() < MAX_TURNED_AWAY && service.tls.is_none() {
             self.turned_away.spawn(turn_away(stream));
         }
@@ -227,7 +230,7 @@ async fn requests(
     };
     // Only unreadable requests are counted; other errors of a connection are the client's.
     if let Some(code) = ended.err().as_ref().and_then(unreadable::problem_code) {
-        service.metrics.refused_connection(code);
+        service.metrics.record_refused_connection(code);
     }
     if let Some(mut stream) = connection.into_parts().io.into_inner().closed() {
         linger(&mut stream).await;

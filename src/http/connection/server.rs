@@ -61,7 +61,7 @@ impl From<&config::DatabaseConfig> for StoreLocation {
 }
 
 /// Rules of the queue in these settings.
-pub fn rules(queue: &config::QueueConfig) -> AttemptLimits {
+pub fn attempt_limits(queue: &config::QueueConfig) -> AttemptLimits {
     AttemptLimits {
         lease: queue.lease(),
         max_attempts: queue.max_attempts,
@@ -98,7 +98,7 @@ pub async fn start_with(config: &ServeConfig, compute: Compute) -> Result<Runnin
         store.clone(),
         compute,
         n_workers(config.workers),
-        rules(&config.queue),
+        attempt_limits(&config.queue),
         signals.clone(),
     );
     let (stop, stopping) = watch::channel(false);

@@ -77,7 +77,7 @@ pub fn problem_code(error: &hyper::Error) -> Option<&'static str> {
 
 /// hyper's answer with the headers and the body of a problem.
 fn with_body(written: &[u8], error: &Error, common: &HeaderMap) -> Vec<u8> {
-    let mut problem = layers::unrouted(error);
+    let mut problem = layers::unrouted_problem(error);
     problem.headers_mut().extend(common.clone());
     let mut text = String::from_utf8_lossy(written).into_owned();
     let mut more = format!("content-length: {}\r\n", problem.body().len());

@@ -7,8 +7,8 @@
 //!    so that slow clients hold none;
 //! 2. a token of its key, or of its address if the key is unknown ([`TokenBuckets`]);
 //! 3. memory for its body as it arrives ([`BodyBudget`]);
-//! 4. a permit to compute or to read a whole document ([`Limits::compute`]), for which it waits;
-//! 5. memory for a large answer until it is sent ([`Limits::answer`]).
+//! 4. a permit to compute or to read a whole document ([`Limits::compute_permit`]), for which it waits;
+//! 5. memory for a large answer until it is sent ([`Limits::answer_memory`]).
 //!
 //! Withdraw, rollback and cancel have permits of their own ([`RequestClass::Safety`]), so that no flood of other requests keeps them out.
 
@@ -97,7 +97,7 @@ struct Inner {
 }
 
 /// Takes `n` permits, or fails at once if fewer are free.
-fn take(semaphore: &Arc<Semaphore>, n: usize) -> Result<OwnedSemaphorePermit, Error> {
+fn try_take(semaphore: &Arc<Semaphore>, n: usize) -> Result<OwnedSemaphorePermit, Error> {
     let n = u32::try_from(n).unwrap_or(u32::MAX);
     Arc::clone(semaphore)
         .try_acquire_many_owned(n)
@@ -105,7 +105,7 @@ fn take(semaphore: &Arc<Semaphore>, n: usize) -> Result<OwnedSemaphorePermit, Er
 }
 
 /// Waits at most [`PERMIT_TIMEOUT`] for a permit.
-async fn wait_for(semaphore: &Arc<Semaphore>) -> Result<OwnedSemaphorePermit, Error> {
+async fn wait_to_take(semaphore: &Arc<Semaphore>) -> Result<OwnedSemaphorePermit, Error> {
     match timeout(PERMIT_TIMEOUT, Arc::clone(semaphore).acquire_owned()).await {
         Ok(Ok(permit)) => Ok(permit),
         Ok(Err(_)) | Err(_) => Err(Error::Busy),
@@ -158,16 +158,16 @@ impl Limits {
     }
 
     /// Admits a request before it is routed. A read takes its permit now. A request with a body takes it when the body has arrived
-    /// ([`BodyBudget::arrived`]), but is refused now if none is free. [`RequestClass::Safety`] takes its permit when its key is known
-    /// ([`Limits::compute`]), so that nobody without a key can use them up.
+    /// ([`BodyBudget::take_class_permit`]), but is refused now if none is free. [`RequestClass::Safety`] takes its permit when its key is known
+    /// ([`Limits::compute_permit`]), so that nobody without a key can use them up.
     pub fn admit(&self, class: RequestClass) -> Result<Option<OwnedSemaphorePermit>, Error> {
         let refuse_if_none_free = |semaphore: &Semaphore| match semaphore.available_permits() {
             0 => Err(Error::Busy),
             _ => Ok(None),
         };
         match class {
-            RequestClass::Read => take(&self.0.reads, 1).map(Some),
-            RequestClass::CostlyRead => take(&self.0.calculations, 1).map(Some),
+            RequestClass::Read => try_take(&self.0.reads, 1).map(Some),
+            RequestClass::CostlyRead => try_take(&self.0.calculations, 1).map(Some),
             RequestClass::Calculation => refuse_if_none_free(&self.0.calculations),
             RequestClass::Write => refuse_if_none_free(&self.0.writes),
             RequestClass::Safety => Ok(None),
@@ -175,14 +175,14 @@ impl Limits {
     }
 
     /// A permit to wait for a job, for a long poll or an event stream.
-    pub fn waiting(&self) -> Result<OwnedSemaphorePermit, Error> {
-        take(&self.0.waiting, 1)
+    pub fn waiting_permit(&self) -> Result<OwnedSemaphorePermit, Error> {
+        try_take(&self.0.waiting, 1)
     }
 
     /// Waits at most [`PERMIT_TIMEOUT`] for a permit to compute, or to read a whole document from the database. Acquire it before reading large
     /// inputs or documents: waiting requests then hold none in memory, and few database connections read documents. Each connection that reads
     /// one keeps memory for it. A request of [`RequestClass::Safety`] acquires its only permit here.
-    pub async fn compute(&self, class: RequestClass) -> Result<ComputePermit, Error> {
+    pub async fn compute_permit(&self, class: RequestClass) -> Result<ComputePermit, Error> {
         let permits = match class {
             RequestClass::Read | RequestClass::CostlyRead | RequestClass::Calculation => {
                 &self.0.computing_reads
@@ -190,18 +190,18 @@ impl Limits {
             RequestClass::Write => &self.0.computing_writes,
             RequestClass::Safety => &self.0.safety,
         };
-        Ok(ComputePermit(Arc::new(wait_for(permits).await?)))
+        Ok(ComputePermit(Arc::new(wait_to_take(permits).await?)))
     }
 
     /// Waits for the one permit to count all jobs. The metrics take no other permit, and counting a million jobs takes 0.3 s.
-    pub async fn statistics(&self) -> Result<OwnedSemaphorePermit, Error> {
-        wait_for(&self.0.statistics).await
+    pub async fn statistics_permit(&self) -> Result<OwnedSemaphorePermit, Error> {
+        wait_to_take(&self.0.statistics).await
     }
 
     /// A permit for the memory of a large answer until it is sent. A single answer beyond the budget takes all of it.
-    pub fn answer(&self, bytes: u64) -> Result<OwnedSemaphorePermit, Error> {
+    pub fn answer_memory(&self, bytes: u64) -> Result<OwnedSemaphorePermit, Error> {
         let kib = usize::try_from(bytes.div_ceil(1024)).unwrap_or(usize::MAX);
-        take(&self.0.answers_kib, kib.min(ANSWERS_KIB))
+        try_take(&self.0.answers_kib, kib.min(ANSWERS_KIB))
     }
 
     /// Counts one more request of this key.
@@ -228,7 +228,7 @@ impl Limits {
     }
 
     /// Reserves memory for a body that begins to arrive. If the announced size is large, all memory is reserved at once.
-    pub fn body(
+    pub fn body_budget(
         &self,
         class: RequestClass,
         announced_bytes: Option<usize>,
@@ -314,18 +314,20 @@ impl BodyBudget {
         if is_large && all.available_permits() < more_kib + SMALL_BODIES_KIB {
             return Err(Error::Busy);
         }
-        self.permits.push(take(all, more_kib)?);
+        self.permits.push(try_take(all, more_kib)?);
         self.reserved_bytes = bytes;
         self.reserved_kib = kib;
         Ok(())
     }
 
     /// Takes the request's permit, once the whole body has arrived. The caller must keep all permits as long as the bytes.
-    pub fn arrived(mut self) -> Result<Vec<OwnedSemaphorePermit>, Error> {
+    pub fn take_class_permit(mut self) -> Result<Vec<OwnedSemaphorePermit>, Error> {
         match self.class {
-            RequestClass::Calculation => self.permits.push(take(&self.limits.0.calculations, 1)?),
-            RequestClass::Write => self.permits.push(take(&self.limits.0.writes, 1)?),
-            // `admit` or `compute` gives these their permit.
+            RequestClass::Calculation => {
+                self.permits.push(try_take(&self.limits.0.calculations, 1)?)
+            }
+            RequestClass::Write => self.permits.push(try_take(&self.limits.0.writes, 1)?),
+            // `admit` or `compute_permit` gives these their permit.
             RequestClass::Read | RequestClass::CostlyRead | RequestClass::Safety => {}
         }
         Ok(self.permits)
@@ -336,7 +338,7 @@ impl BodyBudget {
 mod tests {
     use super::{
         BODIES_KIB, LARGE_BODY_BYTES, LARGE_BODY_FACTOR, Limits, MAX_BODY_BYTES, MAX_SAFETY,
-        MAX_SAFETY_BYTES, MAX_WRITES, RequestClass, SMALL_BODIES_KIB, take,
+        MAX_SAFETY_BYTES, MAX_WRITES, RequestClass, SMALL_BODIES_KIB, try_take,
     };
     use crate::config::LimitsConfig;
     use crate::http::Error;
@@ -354,7 +356,7 @@ mod tests {
         let limits = limits();
         let large_kib = |bytes: usize| LARGE_BODY_FACTOR * bytes / 1024;
         let mut budget = limits
-            .body(RequestClass::Write, Some(MAX_BODY_BYTES))
+            .body_budget(RequestClass::Write, Some(MAX_BODY_BYTES))
             .unwrap();
         assert_eq!(
             used_kib(&limits),
@@ -365,7 +367,7 @@ mod tests {
         assert_eq!(used_kib(&limits), large_kib(MAX_BODY_BYTES));
         drop(budget);
         assert_eq!(used_kib(&limits), 0);
-        let mut budget = limits.body(RequestClass::Write, None).unwrap();
+        let mut budget = limits.body_budget(RequestClass::Write, None).unwrap();
         budget.grow(LARGE_BODY_BYTES).unwrap();
         assert_eq!(used_kib(&limits), LARGE_BODY_BYTES / 1024);
         budget.grow(LARGE_BODY_BYTES + 1).unwrap();
@@ -377,10 +379,10 @@ mod tests {
     #[test]
     fn a_large_body_too_many_is_refused_and_small_ones_go_on() {
         let limits = limits();
-        let large = || limits.body(RequestClass::Write, Some(MAX_BODY_BYTES));
+        let large = || limits.body_budget(RequestClass::Write, Some(MAX_BODY_BYTES));
         let held: Vec<_> = (0..2).map(|_| large().unwrap()).collect();
         assert!(matches!(large(), Err(Error::Busy)));
-        assert!(limits.body(RequestClass::Write, Some(6_000)).is_ok());
+        assert!(limits.body_budget(RequestClass::Write, Some(6_000)).is_ok());
         assert!(
             BODIES_KIB - used_kib(&limits) >= SMALL_BODIES_KIB,
             "large bodies leave memory for small ones"
@@ -391,7 +393,12 @@ mod tests {
     #[tokio::test]
     async fn withdraw_rollback_and_cancel_have_a_reserve_where_writes_have_nothing() {
         let limits = limits();
-        let write = || limits.body(RequestClass::Write, None).unwrap().arrived();
+        let write = || {
+            limits
+                .body_budget(RequestClass::Write, None)
+                .unwrap()
+                .take_class_permit()
+        };
         let held: Vec<_> = (0..MAX_WRITES).map(|_| write().unwrap()).collect();
         assert!(matches!(write(), Err(Error::Busy)));
         assert!(matches!(
@@ -400,12 +407,12 @@ mod tests {
         ));
         assert!(limits.admit(RequestClass::Safety).is_ok());
         let free_kib = limits.0.bodies_kib.available_permits();
-        let all_memory = take(&limits.0.bodies_kib, free_kib);
+        let all_memory = try_take(&limits.0.bodies_kib, free_kib);
         assert!(matches!(
-            limits.body(RequestClass::Read, None),
+            limits.body_budget(RequestClass::Read, None),
             Err(Error::Busy)
         ));
-        let mut reason = limits.body(RequestClass::Safety, None).unwrap();
+        let mut reason = limits.body_budget(RequestClass::Safety, None).unwrap();
         reason.grow(MAX_SAFETY_BYTES).unwrap();
         assert!(matches!(
             reason.grow(MAX_SAFETY_BYTES + 1),
@@ -414,7 +421,7 @@ mod tests {
         drop(all_memory);
         let mut reserve = Vec::new();
         for _ in 0..MAX_SAFETY {
-            reserve.push(limits.compute(RequestClass::Safety).await.unwrap());
+            reserve.push(limits.compute_permit(RequestClass::Safety).await.unwrap());
         }
         assert_eq!(limits.0.safety.available_permits(), 0);
         assert!(
@@ -429,8 +436,8 @@ mod tests {
     #[tokio::test]
     async fn one_request_at_a_time_counts_the_jobs() {
         let limits = limits();
-        let first = limits.statistics().await.unwrap();
-        let mut second = std::pin::pin!(limits.statistics());
+        let first = limits.statistics_permit().await.unwrap();
+        let mut second = std::pin::pin!(limits.statistics_permit());
         let is_ready = tokio::select! {
             biased;
             _ = &mut second => true,
@@ -447,7 +454,7 @@ mod tests {
         let semaphore = &limits.0.safety;
         let (begun, has_begun) = tokio::sync::oneshot::channel();
         let (end, ends) = std::sync::mpsc::channel::<()>();
-        let permit = limits.compute(RequestClass::Safety).await.unwrap();
+        let permit = limits.compute_permit(RequestClass::Safety).await.unwrap();
         let request = tokio::spawn(async move {
             permit
                 .run(move || {
@@ -463,6 +470,6 @@ mod tests {
         assert_eq!(semaphore.available_permits(), MAX_SAFETY - 1);
         drop(end);
         let _all_again = semaphore.acquire_many(MAX_SAFETY as u32).await.unwrap();
-        assert!(take(semaphore, 1).is_err());
+        assert!(try_take(semaphore, 1).is_err());
     }
 }

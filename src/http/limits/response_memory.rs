@@ -15,21 +15,21 @@ use tokio::sync::OwnedSemaphorePermit;
 
 /// Answers up to this size are not counted: 4096 clients that do not read hold at most 256 MiB, for ten seconds.
 const LARGE_ANSWER_BYTES: u64 = 64 * 1024;
-/// Size of the chunks for hyper, which asks for the next chunk when it has sent most of the last one.
+/// Size of the chunks for hyper. It polls the next chunk when it has sent most of the last one.
 const CHUNK_BYTES: usize = 32 * 1024;
 
 /// Middleware: counts an answer if it is large, until it is sent or its client disconnects. Beyond the limit the answer is 503.
 pub async fn count(State(app): State<App>, response: Response) -> Response {
-    account(response, &app.limits).await
+    hold_memory(response, &app.limits).await
 }
 
-async fn account(response: Response, limits: &Limits) -> Response {
+async fn hold_memory(response: Response, limits: &Limits) -> Response {
     // An answer without a length is a stream and not in memory.
     let bytes = response.body().size_hint().exact();
     let Some(bytes) = bytes.filter(|bytes| *bytes > LARGE_ANSWER_BYTES) else {
         return response;
     };
-    let permit = match limits.answer(bytes) {
+    let permit = match limits.answer_memory(bytes) {
         Ok(permit) => permit,
         Err(busy) => return busy.into_response(),
     };
@@ -54,7 +54,7 @@ async fn account(response: Response, limits: &Limits) -> Response {
     }
 }
 
-/// An answer and its permit, in one owner, because the connection may hold the last chunks longer than the body.
+/// The bytes of an answer and their permit. They have one owner, because the connection may hold the last chunks longer than the body.
 struct Counted {
     bytes: Bytes,
     _permit: OwnedSemaphorePermit,
@@ -107,7 +107,7 @@ impl HttpBody for TimedBody {
 
 #[cfg(test)]
 mod tests {
-    use super::{CHUNK_BYTES, LARGE_ANSWER_BYTES, TimedBody, account};
+    use super::{CHUNK_BYTES, LARGE_ANSWER_BYTES, TimedBody, hold_memory};
     use crate::config::LimitsConfig;
     use crate::http::limits::permits::Limits;
     use axum::body::{Bytes, HttpBody};
@@ -134,7 +134,7 @@ mod tests {
     async fn an_answer_is_counted_until_its_last_chunk_is_gone_and_arrives_whole() {
         let limits = Limits::new(&LimitsConfig::default(), false);
         let all = free_kib(&limits);
-        let mut body = account(answer(), &limits).await.into_body();
+        let mut body = hold_memory(answer(), &limits).await.into_body();
         assert_eq!(
             (body.size_hint().exact(), free_kib(&limits)),
             (Some(SIZE as u64), all - 65)
@@ -161,11 +161,11 @@ mod tests {
     #[tokio::test]
     async fn beyond_the_limit_large_answers_are_refused_and_small_ones_are_not() {
         let limits = Limits::new(&LimitsConfig::default(), false);
-        let _held = limits.answer(free_kib(&limits) as u64 * 1024 - 70 * 1024);
-        let _sending = account(answer(), &limits).await;
+        let _held = limits.answer_memory(free_kib(&limits) as u64 * 1024 - 70 * 1024);
+        let _sending = hold_memory(answer(), &limits).await;
         let statuses = [
-            account(answer(), &limits).await.status().as_u16(),
-            account("small".into_response(), &limits)
+            hold_memory(answer(), &limits).await.status().as_u16(),
+            hold_memory("small".into_response(), &limits)
                 .await
                 .status()
                 .as_u16(),

@@ -130,7 +130,7 @@ pub(super) async fn read(store: &Store, options: &Options) -> Result<Chain> {
         format!("entry {seq} does not match the stored head of the chain")
     });
     if let Some(head) = missing_head {
-        check.violated(format!(
+        check.add_violation(format!(
             "the known head, entry {}, is not in the chain",
             head.seq
         ));
@@ -140,7 +140,7 @@ pub(super) async fn read(store: &Store, options: &Options) -> Result<Chain> {
     let missing: Vec<String> = sql::all_values(store.readers(), MISSING, values).await?;
     missing
         .into_iter()
-        .for_each(|id| check.violated(format!("{id} has no entry about its creation")));
+        .for_each(|id| check.add_violation(format!("{id} has no entry about its creation")));
     Ok(Chain {
         check,
         begun_at_ms: head.begun_at_ms,

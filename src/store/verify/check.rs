@@ -44,7 +44,7 @@ impl Check {
         }
     }
 
-    pub(super) fn violated(&mut self, what: String) {
+    pub(super) fn add_violation(&mut self, what: String) {
         self.n_violations += 1;
         if self.violations.len() < MAX_LISTED {
             self.violations.push(what);
@@ -53,7 +53,7 @@ impl Check {
 
     pub(super) fn require(&mut self, is_kept: bool, what: impl FnOnce() -> String) {
         if !is_kept {
-            self.violated(what());
+            self.add_violation(what());
         }
     }
 }

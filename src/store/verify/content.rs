@@ -7,7 +7,7 @@ use super::check::{BATCH, Check, DOCUMENT_BATCH, Options};
 use super::rules;
 use crate::store::from_row::row;
 use crate::store::id_prefix::IdPrefix;
-use crate::store::idempotency::{self, Answered, IdempotencyScope};
+use crate::store::idempotency::{self, AnsweredKey, IdempotencyScope};
 use crate::store::jobs::further_set_ids;
 use crate::store::report_summaries::SummaryOfReport;
 use crate::store::sql::{self, values};
@@ -86,7 +86,7 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
             });
             compare_with_entry(&mut check, chain, &id, field, &now);
         };
-        sql::each(readers, query, DOCUMENT_BATCH, |row| &row.0, examine).await?;
+        sql::for_each_row(readers, query, DOCUMENT_BATCH, |row| &row.0, examine).await?;
     }
     let documents = [
         (REPORTS, AuditEvent::JobSucceeded, "report_sha256"),
@@ -104,7 +104,7 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
             let now = sha256_hex(document.as_bytes());
             compare_with_entry(&mut check, chain, &id, field, &now);
         };
-        sql::each(readers, query, DOCUMENT_BATCH, |row| &row.0, examine).await?;
+        sql::for_each_row(readers, query, DOCUMENT_BATCH, |row| &row.0, examine).await?;
     }
     check.n_examined = found;
     compare_summaries(&mut check, store).await?;
@@ -128,7 +128,7 @@ async fn compare_summaries(check: &mut Check, store: &Store) -> Result<()> {
         });
     };
     let query = report_summaries::BY_ID;
-    sql::each(
+    sql::for_each_row(
         store.readers(),
         query,
         DOCUMENT_BATCH,
@@ -157,15 +157,15 @@ fn compare_with_entry(check: &mut Check, chain: &Chain, id: &str, field: EntryFi
 /// Checks that every row whose creation is in the chain still exists.
 async fn check_lost_rows(check: &mut Check, store: &Store, chain: &Chain) -> Result<()> {
     for id in chain.events.keys() {
-        if chain.was_created(id) && !is_there(store, id).await? {
-            check.violated(format!("{id} was acknowledged and is gone"));
+        if chain.was_created(id) && !row_exists(store, id).await? {
+            check.add_violation(format!("{id} was acknowledged and is gone"));
         }
     }
     Ok(())
 }
 
-async fn is_there(store: &Store, id: &str) -> Result<bool> {
-    if IdPrefix::of(id).is_none() {
+async fn row_exists(store: &Store, id: &str) -> Result<bool> {
+    if IdPrefix::from_id(id).is_none() {
         return Ok(true);
     }
     let n: i64 = sql::value(store.readers(), IS_THERE, values![id]).await?;
@@ -182,18 +182,18 @@ pub(super) async fn answers_have_effects(store: &Store, chain: &Chain) -> Result
     let mut after = IdempotencyScope::default();
     loop {
         let values = values![after.holder, after.method, after.path, after.key, BATCH];
-        let rows: Vec<Answered> = sql::all(store.readers(), ANSWERS, values).await?;
+        let rows: Vec<AnsweredKey> = sql::all(store.readers(), ANSWERS, values).await?;
         let Some(last) = rows.last() else {
             return Ok(check);
         };
         after = last.scope.clone();
-        for Answered { scope, answer } in rows {
+        for AnsweredKey { scope, answer } in rows {
             check.n_examined += 1;
             let IdempotencyScope {
                 method, path, key, ..
             } = &scope;
             let Some(answer) = answer else {
-                check.violated(format!(
+                check.add_violation(format!(
                     "{method} {path} with key {key:?} was begun and never answered"
                 ));
                 continue;
@@ -208,7 +208,7 @@ pub(super) async fn answers_have_effects(store: &Store, chain: &Chain) -> Result
                 .as_deref()
                 .and_then(|location| location.rsplit('/').next())
             {
-                check.require(is_there(store, id).await?, || {
+                check.require(row_exists(store, id).await?, || {
                     format!("{method} {path} with key {key:?} was answered with {id}, which is not there")
                 });
             }
@@ -249,12 +249,12 @@ pub(super) async fn jobs_end_once(
             format!("{id} is {status} and has a parameter set")
         });
     };
-    sql::each(store.readers(), ENDS, BATCH, |row| &row.0, examine).await?;
+    sql::for_each_row(store.readers(), ENDS, BATCH, |row| &row.0, examine).await?;
     if options.is_served {
         let values = values![STUCK_AFTER_MS];
         let stuck: Vec<String> = sql::all_values(store.readers(), STUCK, values).await?;
         stuck.into_iter().for_each(|id| {
-            check.violated(format!(
+            check.add_violation(format!(
                 "{id} is stuck: its lease ran out over a minute ago"
             ))
         });
@@ -350,7 +350,7 @@ pub(super) async fn same_request_same_result(store: &Store, chain: &Chain) -> Re
             format!("{id} and {first} have equal inputs and different results")
         });
     };
-    sql::each(
+    sql::for_each_row(
         store.readers(),
         JOBS,
         DOCUMENT_BATCH,

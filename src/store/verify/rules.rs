@@ -36,29 +36,29 @@ const STATUS_AFTER_EVENT: &[(AuditEvent, ParameterSetStatus)] = &[
 
 /// Compares every kind of row that has entries in the chain.
 pub(super) async fn match_entries(check: &mut Check, store: &Store, chain: &Chain) -> Result<()> {
-    each(check, store, chain, |check, row| robot(check, chain, row)).await?;
+    for_each_row(check, store, chain, |check, row| robot(check, chain, row)).await?;
     robot_versions(check, store, chain).await?;
-    each(check, store, chain, |_, _: &MeasurementSetRow| ()).await?;
-    each(check, store, chain, |_, _: &NamedDocumentRow| ()).await?;
-    each(check, store, chain, |_, _: &FramesRow| ()).await?;
-    each(check, store, chain, |_, _: &JobWithClient| ()).await?;
-    each(check, store, chain, |_, _: &NetworkRow| ()).await?;
-    each(check, store, chain, |_, _: &ApiKeyRow| ()).await?;
-    each(check, store, chain, |check, row| {
+    for_each_row(check, store, chain, |_, _: &MeasurementSetRow| ()).await?;
+    for_each_row(check, store, chain, |_, _: &NamedDocumentRow| ()).await?;
+    for_each_row(check, store, chain, |_, _: &FramesRow| ()).await?;
+    for_each_row(check, store, chain, |_, _: &JobWithClient| ()).await?;
+    for_each_row(check, store, chain, |_, _: &NetworkRow| ()).await?;
+    for_each_row(check, store, chain, |_, _: &ApiKeyRow| ()).await?;
+    for_each_row(check, store, chain, |check, row| {
         parameter_set(check, chain, row)
     })
     .await?;
     let (mut policies, mut verifications) = (BTreeSet::new(), BTreeSet::new());
-    each(check, store, chain, |_, row: &PolicyChange| {
+    for_each_row(check, store, chain, |_, row: &PolicyChange| {
         policies.insert(row.subject().to_owned());
     })
     .await?;
-    each(check, store, chain, |_, row: &VerificationRow| {
+    for_each_row(check, store, chain, |_, row: &VerificationRow| {
         verifications.insert(row.subject().to_owned());
     })
     .await?;
     let mut archived = BTreeSet::new();
-    each(check, store, chain, |_, row: &ArchivedRow| {
+    for_each_row(check, store, chain, |_, row: &ArchivedRow| {
         archived.insert(row.subject().to_owned());
     })
     .await?;
@@ -99,7 +99,7 @@ async fn robot_versions(check: &mut Check, store: &Store, chain: &Chain) -> Resu
     let mut found = BTreeSet::new();
     let mut after = (String::new(), 0);
     loop {
-        let rows = robot_versions::after(store, (&after.0, after.1), BATCH).await?;
+        let rows = robot_versions::after(store, &after.0, after.1, BATCH).await?;
         let Some(last) = rows.last() else { break };
         after = (last.robot_id.clone(), last.version);
         for row in rows {
@@ -132,7 +132,7 @@ async fn robot_versions(check: &mut Check, store: &Store, chain: &Chain) -> Resu
 }
 
 /// Compares all rows of one kind with their audit entries, and calls `further` for each row.
-async fn each<T: Audited>(
+async fn for_each_row<T: Audited>(
     check: &mut Check,
     store: &Store,
     chain: &Chain,
@@ -145,7 +145,7 @@ async fn each<T: Audited>(
             .for_each(|entry| compare(check, chain, row.subject(), entry));
         further(check, &row);
     };
-    sql::each(store.readers(), T::BY_ID, BATCH, T::subject, examine).await
+    sql::for_each_row(store.readers(), T::BY_ID, BATCH, T::subject, examine).await
 }
 
 /// Compares a row's fields with an audit entry. Fields that the entry does not have are skipped, because older entries lack some fields.
@@ -163,7 +163,7 @@ fn compare(check: &mut Check, chain: &Chain, id: &str, expected: &ExpectedEntry)
                 });
             }
         }
-        (Some(_), None) => check.violated(format!(
+        (Some(_), None) => check.add_violation(format!(
             "{id}: {event} is in the audit chain, but not in its row"
         )),
         // I8 reports creations without an entry.
@@ -194,7 +194,7 @@ fn robot(check: &mut Check, chain: &Chain, row: &RobotRow) {
         .and_then(|entry| entry.detail["job_id"].as_str());
     let last = chain.newest(&row.id, AuditEvent::RobotDoesNotFit);
     let seq = last.map_or(Some(0), |last| last.detail["check_seq"].as_i64());
-    let is_so = asks == row.check_job_id.as_deref() && seq == Some(row.check_seq);
+    let is_so = asks == row.check_job_id.as_deref() && seq == Some(row.misfit_seq);
     check.require(is_so, || {
         format!(
             "{}: its state check_robot is not what the audit chain says",

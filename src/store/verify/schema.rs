@@ -103,18 +103,18 @@ pub(super) async fn is_sound(store: &Store) -> Result<Check> {
             lines
                 .into_iter()
                 .filter(|line| line != "ok")
-                .for_each(|line| check.violated(line));
+                .for_each(|line| check.add_violation(line));
             let tables = names(store, FOREIGN_KEYS).await?;
             tables.into_iter().for_each(|table| {
-                check.violated(format!("a row of {table} refers to one that is not there"))
+                check.add_violation(format!("a row of {table} refers to one that is not there"))
             });
             (OBJECTS_SQLITE, UNIQUE_SQLITE)
         }
         Engine::Postgres => {
             let unproven = names(store, NOT_VALIDATED_POSTGRES).await?;
-            unproven
-                .into_iter()
-                .for_each(|name| check.violated(format!("constraint {name} is not validated")));
+            unproven.into_iter().for_each(|name| {
+                check.add_violation(format!("constraint {name} is not validated"))
+            });
             (OBJECTS_POSTGRES, UNIQUE_POSTGRES)
         }
     };

@@ -53,7 +53,7 @@ fn refuse_rows(
 }
 
 /// The marks of a sheet in an xlsx workbook. Calamine's cell reader does not report them.
-pub(super) fn of_xlsx(archive: &mut Archive, sheet: &str) -> Result<Marks, Invalid> {
+pub(super) fn marks_of_xlsx(archive: &mut Archive, sheet: &str) -> Result<Marks, Invalid> {
     let mut workbook = "xl/workbook.xml".to_owned();
     each_element(archive, "_rels/.rels", |element| {
         let is_workbook =

@@ -12,7 +12,7 @@ use crate::measurement::columns::mapping::Mapping;
 use crate::measurement::table::text::{Encoding, Source};
 use crate::wire::Invalid;
 use hidden_rows::refuse_marked_rows;
-use refusal::{Archive, MAX_UNPACKED_BYTES, broken, refused, too_large};
+use refusal::{Archive, MAX_UNPACKED_BYTES, refused, too_large, unreadable};
 use sheet::Sheets;
 use std::io::{Cursor, Read};
 use zip::ZipArchive;
@@ -71,7 +71,8 @@ pub fn read(
     mapping: &Mapping,
 ) -> Result<(Source<'static>, String), Invalid> {
     let wanted = mapping.sheet.as_deref();
-    let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(|e| broken(&e.to_string()))?;
+    let mut archive =
+        ZipArchive::new(Cursor::new(bytes)).map_err(|e| unreadable(&e.to_string()))?;
     refuse_bombs(&mut archive)?;
     let (sheets, encoding) = match kind {
         Workbook::Xlsx => (xlsx::sheets(bytes, &mut archive, wanted)?, Encoding::Xlsx),
@@ -136,10 +137,10 @@ fn refuse_bombs(archive: &mut Archive) -> Result<(), Invalid> {
     for index in 0..archive.len() {
         let file = archive
             .by_index(index)
-            .map_err(|e| broken(&e.to_string()))?;
+            .map_err(|e| unreadable(&e.to_string()))?;
         let mut file = file.take(left + 1);
         let unpacked = std::io::copy(&mut file, &mut std::io::sink());
-        let unpacked = unpacked.map_err(|e| broken(&e.to_string()))?;
+        let unpacked = unpacked.map_err(|e| unreadable(&e.to_string()))?;
         left = left.checked_sub(unpacked).ok_or_else(too_large)?;
     }
     Ok(())

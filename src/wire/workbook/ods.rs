@@ -1,6 +1,6 @@
 //! Reads the sheets of an ods workbook row by row. A row or cell may state that it repeats a million times; most empty rows and cells do so.
 
-use super::refusal::{Archive, broken, refused};
+use super::refusal::{Archive, refused, unreadable};
 use super::sheet::{SheetText, Sheets};
 use super::xml::attribute;
 use crate::measurement::csv::MAX_ROWS;
@@ -9,14 +9,21 @@ use crate::wire::Invalid;
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
 use std::io::BufReader;
+use std::ops::Range;
 
 /// The row that is being read.
 #[derive(Default)]
 struct Row {
-    cells: Vec<(usize, String)>,
+    cells: Vec<RepeatedCell>,
     column: usize,
     repeats: usize,
     is_hidden: bool,
+}
+
+/// Equal cells side by side. Their text is stored once: it may be long, and a file states the number of repeats.
+struct RepeatedCell {
+    columns: Range<usize>,
+    text: String,
 }
 
 /// The cell that is being read.
@@ -30,7 +37,7 @@ struct Cell {
 pub(super) fn sheets(archive: &mut Archive, wanted: Option<&str>) -> Result<Sheets, Invalid> {
     let content = archive
         .by_name("content.xml")
-        .map_err(|e| broken(&e.to_string()))?;
+        .map_err(|e| unreadable(&e.to_string()))?;
     let mut reader = Reader::from_reader(BufReader::new(content));
     let (mut names, mut found) = (Vec::new(), Vec::new());
     let (mut buffer, mut sheet, mut row, mut cell) = (Vec::new(), None, Row::default(), None);
@@ -40,14 +47,14 @@ pub(super) fn sheets(archive: &mut Archive, wanted: Option<&str>) -> Result<Shee
         buffer.clear();
         let event = reader
             .read_event_into(&mut buffer)
-            .map_err(|e| broken(&e.to_string()))?;
+            .map_err(|e| unreadable(&e.to_string()))?;
         match &event {
             Event::Eof => break,
             Event::Start(start) | Event::Empty(start) => {
                 let is_empty = matches!(event, Event::Empty(_));
                 depth += usize::from(!is_empty);
                 if depth > MAX_DEPTH {
-                    return Err(broken("it is nested too deeply"));
+                    return Err(unreadable("it is nested too deeply"));
                 }
                 match start.local_name().as_ref() {
                     "table" if !is_empty => {
@@ -60,7 +67,7 @@ pub(super) fn sheets(archive: &mut Archive, wanted: Option<&str>) -> Result<Shee
                     "table-row" => {
                         let visibility = attribute(start, "table:visibility");
                         row = Row {
-                            repeats: repeats(start, "table:number-rows-repeated"),
+                            repeats: repeat_count(start, "table:number-rows-repeated"),
                             is_hidden: visibility.is_some_and(|own| own != "visible"),
                             ..Row::default()
                         };
@@ -142,8 +149,10 @@ fn write(text: &mut SheetText, at: usize, row: &Row) -> Result<(), Invalid> {
         return Err(refused("too_many_rows", detail));
     }
     for row_at in at..at + row.repeats {
-        for (column, cell) in &row.cells {
-            text.cell(row_at, *column, cell, row.is_hidden)?;
+        for cell in &row.cells {
+            for column in cell.columns.clone() {
+                text.cell(row_at, column, &cell.text, row.is_hidden)?;
+            }
         }
     }
     Ok(())
@@ -151,15 +160,14 @@ fn write(text: &mut SheetText, at: usize, row: &Row) -> Result<(), Invalid> {
 
 impl Row {
     fn take(&mut self, cell: Cell) -> Result<(), Invalid> {
-        let value = cell.value.unwrap_or(cell.text);
-        if !value.is_empty() {
+        let text = cell.value.unwrap_or(cell.text);
+        if !text.is_empty() {
             if self.column + cell.repeats > MAX_COLUMNS {
                 let detail = format!("a row has more than {MAX_COLUMNS} columns");
                 return Err(refused("too_many_columns", detail));
             }
-            let places = self.column..self.column + cell.repeats;
-            self.cells
-                .extend(places.map(|column| (column, value.clone())));
+            let columns = self.column..self.column + cell.repeats;
+            self.cells.push(RepeatedCell { columns, text });
         }
         self.column = self.column.saturating_add(cell.repeats);
         Ok(())
@@ -174,14 +182,14 @@ impl Cell {
             _ => None,
         };
         Self {
-            repeats: repeats(start, "table:number-columns-repeated"),
+            repeats: repeat_count(start, "table:number-columns-repeated"),
             value,
             text: String::new(),
         }
     }
 }
 
-fn repeats(start: &BytesStart, name: &str) -> usize {
+fn repeat_count(start: &BytesStart, name: &str) -> usize {
     let stated = attribute(start, name).and_then(|text| text.parse().ok());
     stated.unwrap_or(1).min(4 * 1024 * 1024)
 }
@@ -195,5 +203,5 @@ fn character(reference: &quick_xml::events::BytesRef) -> Result<char, Invalid> {
         "apos" => Some('\''),
         _ => reference.resolve_char_ref().ok().flatten(),
     };
-    known.ok_or_else(|| broken("it has an unknown entity"))
+    known.ok_or_else(|| unreadable("it has an unknown entity"))
 }

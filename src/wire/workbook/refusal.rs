@@ -28,7 +28,7 @@ pub(super) fn too_large() -> Invalid {
     refused("too_large", detail)
 }
 
-pub(super) fn broken(why: &str) -> Invalid {
+pub(super) fn unreadable(why: &str) -> Invalid {
     let detail = format!("the workbook cannot be read ({why}): save the sheet again, or as CSV");
     refused("unreadable", detail)
 }

@@ -1,6 +1,6 @@
 //! Converts the cells of a sheet to lines of text with tabs between the cells.
 
-use super::refusal::{broken, refused, too_large};
+use super::refusal::{refused, too_large, unreadable};
 use crate::measurement::table::MAX_COLUMNS;
 use crate::wire::Invalid;
 
@@ -52,7 +52,7 @@ impl SheetText {
             self.hidden_rows.push(row);
         }
         if row < self.row || row == self.row && column < self.column {
-            return Err(broken("its cells are not in order"));
+            return Err(unreadable("its cells are not in order"));
         }
         if column >= MAX_COLUMNS || row > 2 * 1024 * 1024 {
             return Err(refused(
@@ -71,6 +71,9 @@ impl SheetText {
         while self.column < column {
             self.text.push('\t');
             self.column += 1;
+        }
+        if self.text.len() + cell.len() > MAX_TEXT_BYTES {
+            return Err(too_large());
         }
         let plain = cell.replace(['\t', '\n', '\r'], " ");
         if plain.starts_with('"') {

@@ -1,7 +1,7 @@
 //! Reads the sheets of an xlsx workbook cell by cell. A dense table would not fit into memory if a sheet has cells far apart.
 
 use super::hidden_rows;
-use super::refusal::{Archive, broken};
+use super::refusal::{Archive, unreadable};
 use super::sheet::{Sheet, SheetText, Sheets};
 use crate::wire::Invalid;
 use calamine::{DataRef, ExcelDateTime, Reader, SheetVisible, Xlsx};
@@ -16,7 +16,7 @@ pub(super) fn sheets(
     archive: &mut Archive,
     wanted: Option<&str>,
 ) -> Result<Sheets, Invalid> {
-    let unreadable = |error: calamine::XlsxError| broken(&error.to_string());
+    let unreadable = |error: calamine::XlsxError| unreadable(&error.to_string());
     let mut workbook: Xlsx<_> = Xlsx::new(Cursor::new(bytes)).map_err(unreadable)?;
     let names = workbook.sheet_names();
     let sheets = workbook.sheets_metadata().iter();
@@ -34,11 +34,11 @@ pub(super) fn sheets(
         if at >= n_shown && !found.is_empty() {
             break;
         }
-        // Charts and macros are not sheets with cells.
+        // Sheets of charts and macros have no cells.
         let Ok(mut cells) = workbook.worksheet_cells_reader(name) else {
             continue;
         };
-        let marks = hidden_rows::of_xlsx(archive, name)?;
+        let marks = hidden_rows::marks_of_xlsx(archive, name)?;
         let mut text = SheetText::default();
         while let Some(cell) = cells.next_cell().map_err(unreadable)? {
             let (row, column) = cell.get_position();

@@ -1,6 +1,6 @@
 //! Elements of the XML files of a workbook.
 
-use super::refusal::{Archive, broken};
+use super::refusal::{Archive, unreadable};
 use crate::wire::Invalid;
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
@@ -16,16 +16,18 @@ pub(super) fn each_element(
     let mut names = archive.file_names().flatten().map(|name| name.into_owned());
     let name = names.find(is_path);
     drop(names);
-    let name = name.ok_or_else(|| broken(&format!("it has no {path}")))?;
-    let file = archive.by_name(&name).map_err(|e| broken(&e.to_string()))?;
+    let name = name.ok_or_else(|| unreadable(&format!("it has no {path}")))?;
+    let file = archive
+        .by_name(&name)
+        .map_err(|e| unreadable(&e.to_string()))?;
     let mut reader = Reader::from_reader(BufReader::new(file));
-    // The cell reader does not check end names either.
+    // As in calamine's cell reader, the names of end tags are not checked.
     reader.config_mut().check_end_names = false;
     let mut buffer = Vec::new();
     loop {
         buffer.clear();
         let event = reader.read_event_into(&mut buffer);
-        match event.map_err(|e| broken(&e.to_string()))? {
+        match event.map_err(|e| unreadable(&e.to_string()))? {
             Event::Start(start) | Event::Empty(start) => take(&start),
             Event::Eof => return Ok(()),
             _ => {}

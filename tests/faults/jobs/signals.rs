@@ -24,7 +24,7 @@ fn an_event_stream_sees_begin_progress_and_end() {
         let mut stages = Vec::new();
         while !seen.status.is_over() {
             let next = signals
-                .wait_for_change(store, &seen.id, LONG, |job| job.has_moved_on(&seen))
+                .wait_for_change(store, &seen.id, LONG, |job| job.has_progressed_since(&seen))
                 .await
                 .unwrap();
             assert_ne!(
@@ -69,7 +69,9 @@ fn a_long_poll_does_not_end_for_progress_but_for_a_status() {
         let running = jobs::get(store, &job.id).await.unwrap();
         if running.progress_json.is_none() {
             signals
-                .wait_for_change(store, &job.id, LONG, |job| job.has_moved_on(&running))
+                .wait_for_change(store, &job.id, LONG, |job| {
+                    job.has_progressed_since(&running)
+                })
                 .await
                 .unwrap();
         }

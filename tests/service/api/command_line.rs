@@ -488,7 +488,7 @@ async fn a_key_for_a_robot_that_cannot_be_read_is_no_wrong_usage() {
     let location = StoreLocation::Sqlite {
         data_dir: dir.path().to_owned(),
     };
-    let store = Store::open_beside_a_server(location).await.unwrap();
+    let store = Store::open_for_command(location).await.unwrap();
     sqlx::query("drop view robot_now")
         .execute(store.readers())
         .await

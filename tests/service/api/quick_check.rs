@@ -189,7 +189,7 @@ fn a_check_is_the_same_on_both_engines_and_the_store_verifies() {
         let app = TestApp::with_config(config).await;
         play(&app).await;
         app.server.shutdown().await;
-        let store = Store::open_beside_a_server(location).await.unwrap();
+        let store = Store::open_for_command(location).await.unwrap();
         for check in verify(&store, &Options::default()).await.unwrap() {
             assert_eq!(check.violations, [""; 0], "{}", check.id);
         }

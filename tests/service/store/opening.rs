@@ -122,7 +122,7 @@ fn a_data_directory_serves_one_server_at_a_time() {
             matches!(&error, Error::Open { detail } if detail.contains("in use by another kincal server")),
             "{error}"
         );
-        let tool = Store::open_beside_a_server(database.location.clone())
+        let tool = Store::open_for_command(database.location.clone())
             .await
             .unwrap();
         assert_eq!(
@@ -160,7 +160,7 @@ fn a_data_directory_is_free_again_when_its_server_is_gone_and_keeps_its_rows() {
         .build()
         .unwrap();
     runtime.block_on(async {
-        let tool = Store::open_beside_a_server(location.clone()).await.unwrap();
+        let tool = Store::open_for_command(location.clone()).await.unwrap();
         let robot = a_robot(&tool, "made by a tool before any server ran").await;
         drop(tool);
         let first = Store::open(location.clone()).await.unwrap();
@@ -208,7 +208,7 @@ fn a_server_that_opens_a_data_directory_ends_the_leases_of_the_dead_one() {
             .unwrap();
         drop(dead);
         let store = Store::open(location.clone()).await.unwrap();
-        let beside = Store::open_beside_a_server(location).await.unwrap();
+        let beside = Store::open_for_command(location).await.unwrap();
         assert_eq!(
             leases::expire(&store, 3, &Exhausted::default())
                 .await
@@ -252,7 +252,7 @@ fn a_server_that_opens_a_data_directory_ends_the_leases_of_the_dead_one() {
 fn opening_again_changes_nothing() {
     for_each_engine(async |database| {
         let robot = a_robot(&database.store, "r").await;
-        let again = Store::open_beside_a_server(database.location.clone())
+        let again = Store::open_for_command(database.location.clone())
             .await
             .unwrap();
         assert_eq!(robots::get(&again, &robot.id).await.unwrap(), robot);
@@ -445,7 +445,7 @@ fn a_database_whose_jobs_are_laid_out_anew_keeps_everything_in_it() {
         Migrator::with_migrations(before).run(&pool).await.unwrap();
         pool.close().await;
 
-        let store = Store::open_as_it_is(location.clone()).await.unwrap();
+        let store = Store::open_unmigrated(location.clone()).await.unwrap();
         let set = a_set(&store, &a_robot(&store, "r").await).await;
         insert_examples(&store, &set).await;
         let network: String = query_scalar("select id from network")

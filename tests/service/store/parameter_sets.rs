@@ -613,7 +613,7 @@ fn good_session() -> Verification {
         evidence: Evidence::IndependentSession,
         is_repeat: false,
         is_worse: false,
-        check_seq: 0,
+        misfit_seq: 0,
         uncertainty_mm: None,
     }
 }
@@ -751,7 +751,7 @@ fn the_schema_itself_makes_no_release_for_a_robot_that_a_session_does_not_fit() 
             );
         }
         let since = Verification {
-            check_seq: 1,
+            misfit_seq: 1,
             ..good_session()
         };
         // A session that repeats an earlier one, or is no evidence, changes nothing.
@@ -832,7 +832,7 @@ fn the_schema_itself_keeps_what_speaks_against_a_set_until_it_is_answered() {
         scored(store, &set, &new, &good_session()).await;
         is_refused_by_schema(release_without_checks(store, &old).await, "check_robot");
         let since = Verification {
-            check_seq: 1,
+            misfit_seq: 1,
             ..good_session()
         };
         scored(store, &set, &new, &since).await;
@@ -878,9 +878,11 @@ fn the_schema_itself_keeps_what_speaks_against_a_set_until_it_is_answered() {
             ..since.clone()
         };
         let good_since_check = async || {
-            let check = verifications::check(store, &robot.id).await.unwrap();
+            let check = verifications::robot_counters(store, &robot.id)
+                .await
+                .unwrap();
             Verification {
-                check_seq: check.check_seq,
+                misfit_seq: check.misfit_seq,
                 ..good_session()
             }
         };

@@ -2,11 +2,15 @@
 
 use std::time::Duration;
 
-use kincal::store::{Error, ListRequest, NewRobot, Store, Tx, audit, robots};
+use kincal::store::archive::{self, Archivable};
+use kincal::store::named_documents::{self, NamedDocumentKind, NewNamedDocument};
+use kincal::store::robot_versions::{self, RobotEdit};
+use kincal::store::{Conflict, Error, ListRequest, NewRobot, Store, Tx, audit, policies, robots};
+use kincal::wire::policy::PolicyBody;
 use sqlx::{Connection, Executor};
 
 use crate::engines::{for_each_engine, on_sqlite};
-use crate::fixtures::a_robot;
+use crate::fixtures::{a_robot, in_transaction};
 
 async fn insert(tx: &mut Tx, name: &str) {
     robots::insert(
@@ -203,4 +207,43 @@ async fn poll_once(future: &mut (impl Future<Output = ()> + Unpin)) -> bool {
     .await;
     tokio::task::yield_now().await;
     done
+}
+
+/// A request may look at the robot before another archives it, and write after.
+#[test]
+fn nothing_is_written_of_a_robot_that_was_archived_in_the_meantime() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let robot = a_robot(store, "r").await;
+        in_transaction(store, async |tx| {
+            archive::archive(tx, Archivable::Robot, &robot.id, &robot.id, "key_1").await
+        })
+        .await;
+        let mut tx = store.begin().await.unwrap();
+        let policy = PolicyBody::default();
+        let of_policy = policies::put(&mut tx, &robot.id, &policy, "key_1").await;
+        let tool = NewNamedDocument {
+            robot_id: &robot.id,
+            kind: NamedDocumentKind::Tool,
+            name: "gripper",
+            content_json: "{}",
+            by: "key_1",
+        };
+        let of_tool = named_documents::insert(&mut tx, tool).await;
+        let edit = RobotEdit {
+            edited_version: 1,
+            name: "edited".into(),
+            body_json: "{}".into(),
+            changes_joint_map: false,
+            changed: vec!["name"],
+        };
+        let of_edit = robot_versions::edit(&mut tx, &robot.id, &edit, "key_1").await;
+        tx.rollback().await.unwrap();
+        for refused in [of_policy.err(), of_tool.err(), of_edit.err()] {
+            assert!(
+                matches!(refused, Some(Error::Conflict(Conflict::RobotArchived))),
+                "{refused:?}"
+            );
+        }
+    });
 }

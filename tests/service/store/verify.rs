@@ -91,7 +91,7 @@ fn as_identified() -> Verification {
         evidence: Evidence::SameUpload,
         is_repeat: false,
         is_worse: false,
-        check_seq: 0,
+        misfit_seq: 0,
         uncertainty_mm: Some(0.1),
     }
 }

@@ -1,9 +1,9 @@
-//! Finds out when a job's own points were measured, as far as the robot's other uploads show it: in which upload the points appeared first,
-//! and whether that upload is older than the robot's last session that did not fit.
+//! Compares a job's own points with the robot's other uploads. Finds the upload in which the points appeared first, and whether it is older than the
+//! robot's last session that did not fit.
 
 use crate::calibration::{CalibrationRequest, RepeatedRows};
 use crate::jobs::JobInputs;
-use crate::release::facts::MeasuredSince;
+use crate::release::facts::MeasurementAge;
 use crate::store::known_uploads::KnownUpload;
 use crate::wire::job::Kind;
 use crate::wire::measurement::MeasurementSet;
@@ -28,13 +28,14 @@ struct OwnPoints<'a> {
 struct UploadAge {
     /// Number in the audit chain of the upload in which its points appeared first.
     measured_seq: i64,
-    /// Whether this upload repeats an upload that it must not repeat, or is itself one of those: see [`measured_since`].
+    /// Whether this upload repeats an upload that it must not repeat, or is itself one of those: see [`measurement_age`].
     is_repeat: bool,
 }
 
-/// The points of a check must repeat no earlier upload at all, and its upload must not have been used by another job. The points of other jobs must
-/// not repeat the uploads from before the last session that did not fit.
-pub(super) fn measured_since(inputs: &JobInputs, request: &CalibrationRequest) -> MeasuredSince {
+/// Finds the age of a job's points, and whether they repeat an upload that they must not repeat. The points of a check must repeat no earlier
+/// upload, and no other kind of job may have used its upload. The points of other jobs must not repeat the uploads from before the last session that
+/// did not fit.
+pub(super) fn measurement_age(inputs: &JobInputs, request: &CalibrationRequest) -> MeasurementAge {
     let is_check = inputs.job.kind == Kind::Check;
     let known = &inputs.known;
     // Uploads that this version can no longer parse are left out of the comparison.
@@ -50,16 +51,16 @@ pub(super) fn measured_since(inputs: &JobInputs, request: &CalibrationRequest) -
         points,
     });
     let known_uploads: Vec<KnownPoints<'_>> = known_uploads.collect();
-    let mut since = MeasuredSince {
-        check_seq: known.check_seq,
-        is_repeat: known.is_own_used || (known.is_undecided && !is_check),
+    let mut age = MeasurementAge {
+        misfit_seq: known.misfit_seq,
+        is_repeat: known.is_own_upload_used || (known.is_undecided && !is_check),
         measured_seq: 0,
     };
     let own = inputs
         .sets
         .iter()
         .zip(request.uploads())
-        .zip(&known.own_seq);
+        .zip(&known.own_uploaded_seqs);
     for ((input, points), uploaded_seq) in own {
         let own = OwnPoints {
             id: &input.row.id,
@@ -68,10 +69,10 @@ pub(super) fn measured_since(inputs: &JobInputs, request: &CalibrationRequest) -
             points,
         };
         let found = compare(&request.robot, &own, &known_uploads, is_check);
-        since.is_repeat |= found.is_repeat;
-        since.measured_seq = since.measured_seq.max(found.measured_seq);
+        age.is_repeat |= found.is_repeat;
+        age.measured_seq = age.measured_seq.max(found.measured_seq);
     }
-    since
+    age
 }
 
 fn compare(
@@ -84,7 +85,7 @@ fn compare(
     let is_earlier = |other: &KnownPoints<'_>| other.upload.uploaded_seq < own.uploaded_seq;
     let must_not_repeat = |other: &KnownPoints<'_>| match is_check {
         true => is_earlier(other),
-        false => other.upload.is_before_check,
+        false => other.upload.is_before_misfit,
     };
     let others: Vec<&KnownPoints<'_>> = known
         .iter()
