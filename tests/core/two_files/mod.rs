@@ -1,6 +1,9 @@
 //! The robot's file and the instrument's are joined to what was measured, or refused with what to state. The examples are written by us in the layouts
 //! of the makers (examples/tables).
 
+mod names;
+mod times;
+
 use kincal::measurement::Frame;
 use kincal::wire::Invalid;
 use kincal::wire::columns::ColumnsBody;
