@@ -596,7 +596,8 @@ fn an_export_without_header_is_read_by_numbers_beside_a_robots_file_with_one() {
     assert_eq!(code, "no_header");
     assert!(
         detail.starts_with("instrument file")
-            && detail.contains("{\"x_mm\": 1,")
+            && detail
+                .contains("{\"x_mm\": 4, \"y_mm\": 5, \"z_mm\": 6, \"instrument\": {\"name\": 3}}")
             && !detail.contains("q1_deg"),
         "{detail}"
     );

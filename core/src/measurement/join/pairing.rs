@@ -237,7 +237,6 @@ fn nothing_pairs(robot: &Content, instrument: &Content, by: Option<JoinBy>) -> J
             ". Name it in the column mapping: {\"instrument\": {\"name\": \"COLUMN\"}}",
         ),
     };
-    // Only remedies that can work.
     let may_be_in_order =
         ours.is_none() || theirs.is_none() || robot.points.len() == instrument.points.len();
     let by_order = match may_be_in_order {
@@ -249,7 +248,9 @@ fn nothing_pairs(robot: &Content, instrument: &Content, by: Option<JoinBy>) -> J
     let pairs_by_number = by != Some(JoinBy::Number)
         && ours.zip(theirs).is_some_and(|(ours, theirs)| {
             let found = by_numbers(robot, ours, theirs);
-            found.is_ok_and(|pairs| pairs.iter().any(Option::is_some))
+            found.is_ok_and(|pairs| {
+                2 * pairs.iter().flatten().count() >= ours.len().min(theirs.len())
+            })
         });
     let by_number = match pairs_by_number {
         true => {
@@ -279,12 +280,19 @@ fn refuse_several_groups(
     instrument: &Content,
     pairing: &Pairing,
 ) -> Result<(), JoinError> {
+    // Who names several groups says that they are repeated measurements.
+    if instrument.understood.groups.len() > 1 {
+        return Ok(());
+    }
     let paired = instrument.points.iter().zip(&instrument.groups);
     let paired = paired.zip(&pairing.pairs);
     let rows = paired.filter_map(|((point, group), pair)| {
         let name = label(robot, pairing.by, (*pair)?);
         let reflector = point.target_name.clone();
-        let reflector = reflector.unwrap_or_else(|| point.target.to_string());
+        let reflector = reflector.unwrap_or_else(|| match point.target {
+            0 => String::new(),
+            target => target.to_string(),
+        });
         let key = point_in_group(name, &reflector, point);
         Some((key, group.as_str()))
     });

@@ -176,10 +176,15 @@ impl Resolution<'_> {
                 self.columns
                     .proposed
                     .push((format!("{thing}_{}", units[0]), place));
+                let is_told_twice = self.names()[place].1.is_some();
                 let detail = match thing.starts_with('q') {
+                    true if is_told_twice => format!(
+                        "column {name} has one unit in its name, and another in the row of units below it: correct the file; or, if you know which is right, say it of \
+                         all joints in the column mapping: {{\"joint_unit\": \"deg\"}} (or \"rad\")"
+                    ),
                     true => format!(
-                        "the unit of column {name} may be degrees (German: Grad) or gons (400 in a turn), or two units are named: say it {mapping} \
-                     (for gons: {thing}_gon), or of all joints: {{\"joint_unit\": \"deg\"}} (or \"gon\")"
+                        "the unit of column {name} may be degrees (German: Grad) or gons (400 in a turn): say it {mapping} \
+                         (for gons: {thing}_gon), or of all joints in the column mapping: {{\"joint_unit\": \"deg\"}} (or \"gon\")"
                     ),
                     false => format!(
                         "column {name} has one unit in its name, and another in the row of units below it: correct the file; or, if you know which is right, say it \

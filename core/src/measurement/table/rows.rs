@@ -219,7 +219,7 @@ impl Rows {
         self.issues.extend(moved);
         self.refuse_some_units(layout);
         if layout.has_positions && layout.has_joints() && self.issues.is_empty() {
-            self.refuse_several_groups();
+            self.refuse_several_groups(layout);
         }
         if self.issues.is_empty() && !layout.are_targets {
             self.issues.extend(self.flags.refused(table));
@@ -245,9 +245,11 @@ impl Rows {
     }
 
     /// Refuses one point name under several groups. Of two files, only the names that are paired matter; the join looks at these.
-    fn refuse_several_groups(&mut self) {
+    fn refuse_several_groups(&mut self, layout: &Layout) {
         let names = self.keys.iter().find(|(means, _)| means == "name");
-        let Some((_, names)) = names else { return };
+        let Some((_, names)) = names.filter(|_| layout.groups.len() < 2) else {
+            return;
+        };
         let rows = names.iter().zip(&self.groups.of_rows).enumerate();
         let named = rows.filter(|(_, (name, _))| !name.is_empty());
         let named = named.map(|(row, (name, group))| {
