@@ -23,7 +23,7 @@ export async function saidBefore(robot, isPair) {
 
 /** Columns that every file may have. */
 const OTHERS = ["configuration", "target", "target_name", "subset", "std_mm", "station", "session", "sequence", "measured_at", "temperature_c"];
-const KEYS = [["name", "point's name"], ["number", "point's number"], ["time_s", "time, s"], ["time_ms", "time, ms"]];
+const KEYS = [["name", "point's name"], ["number", "point's number"], ["time_s", "time, s"], ["time_ms", "time, ms"], ["group", "group of points"], ["collection", "collection of groups"]];
 
 /** End of a meaning whose unit nobody has stated yet. */
 const OPEN = "_?";
@@ -98,6 +98,10 @@ export async function askColumns(robot, { body, type, stated: choices = {} }, de
   const clock = by && el("input", { id: "columns-clock", type: "number", step: "any" });
   const clockField = by && el("div", {}, el("label", { for: "columns-clock" }, "Robot's clock minus the instrument's, s, where it is known"), clock);
   const showClock = () => { clockField.hidden = by.value !== "time" && !preview.errors.some(({ detail }) => detail.includes("clock_offset_s")); };
+  // one point under several groups: nominal beside measured positions
+  const groups = el("input", { id: "columns-groups" });
+  const groupField = el("div", {}, el("label", { for: "columns-groups" }, "Group of points that is read (several: with commas between them)"), groups);
+  groupField.hidden = !preview.errors.some(({ detail }) => detail.includes('{"groups"'));
   if (by) {
     by.addEventListener("change", showClock);
     showClock();
@@ -110,7 +114,8 @@ export async function askColumns(robot, { body, type, stated: choices = {} }, de
       open.focus();
       return;
     }
-    const columns = withChoices(mapping(asked, by && { ...by.value ? { by: by.value } : {}, ...!clockField.hidden && clock.value !== "" ? { clock_offset_s: Number(clock.value) } : {} }), choices);
+    const wanted = groups.value.split(",").map((name) => name.trim()).filter(Boolean);
+    const columns = withChoices({ ...wanted.length > 0 ? { groups: wanted } : {}, ...mapping(asked, by && { ...by.value ? { by: by.value } : {}, ...!clockField.hidden && clock.value !== "" ? { clock_offset_s: Number(clock.value) } : {} }), choices);
     try {
       if (keep.checked) await put(`/v1/robots/${robot.id}/columns/${files.length > 1 ? REMEMBERED_PAIR : REMEMBERED}`, lasting(columns));
       read(columns);
@@ -125,6 +130,7 @@ export async function askColumns(robot, { body, type, stated: choices = {} }, de
     asked.map(({ node }) => node),
     by && el("div", {}, el("label", { for: "columns-join" }, "Rows of the two files belong together by"), by),
     clockField,
+    groupField,
     el("label.choice", {}, keep, "Remember this for the robot"),
     wrong,
     el("button.primary", { type: "submit" }, "Read it so")));
@@ -210,14 +216,22 @@ export function understoodDetails(set) {
   const rows = parts.map(([title, understood]) => el("div", {}, el("p", {}, el("strong", {}, title), `: ${inWords(understood)}.`),
     el("p.note", {}, understood.columns.map((column) => `${column.column} is ${unit(column)}`).join("; "), "."),
     understood.ignored.length > 0 && el("p.note", {}, `Not read: ${understood.ignored.join(", ")}.`),
+    understood.other_groups && el("p.note", {}, `Only these groups of points are read: ${understood.groups.join(", ")}; ${understood.other_groups} rows of other groups are not.`),
     understood.unread && el("p.note", {}, `${understood.unread.n} points of the program are not read: ${understood.unread.points.map((point) => `line ${point.line} ${point.name} (${point.reason})`).join("; ")}.`)));
   const turned = rotationsOf(set);
   return el("details", {}, el("summary", {}, "How the file was read"), rows, turned.length > 0 && el("p", {}, capital(`${turned.join("; ")}.`)), set.joined && joinWords(set.joined.join));
 }
 
+/** What is no part of the points' names. */
+function leftOutWords({ robot, instrument, repetitions }) {
+  const begins = [["robot's", robot], ["instrument's", instrument]].filter(([, begin]) => begin).map(([file, begin]) => `“${begin}”, with which all names of the ${file} file begin, is no part of them`);
+  return [...begins, ...repetitions ? ["the last number of the instrument's names counts the repetitions of a point"] : []].join("; ");
+}
+
 function joinWords(join) {
   const clock = join.clock_offset_s === undefined ? "" : ` The robot's clock minus the instrument's is ${join.clock_offset_s.toFixed(3)} s; pairs may be ${join.tolerance_s.toFixed(3)} s apart.`;
+  const midnight = join.over_midnight ? " Times of day that fall back are those of the next day." : "";
   const rest = [["robot's", join.leftover_robot], ["instrument's", join.leftover_instrument]].filter(([, rows]) => rows.n > 0)
     .map(([file, rows]) => el("p.note", {}, `${rows.n === 1 ? `One row of the ${file} file has` : `${rows.n} rows of the ${file} file have`} no partner: ${rows.rows.map((row) => row.label || `line ${row.line}`).join(", ")}.`));
-  return [el("p", {}, `${join.n_joined === 1 ? "One pair" : `${join.n_joined} pairs`} of rows, joined by ${join.by}${join.loose_names ? " (names agree without signs, spaces and leading zeros, or by their numbers alone)" : ""}.${clock}`), rest];
+  return [el("p", {}, `${join.n_joined === 1 ? "One pair" : `${join.n_joined} pairs`} of rows, joined by ${join.by}${join.left_out ? ` (${leftOutWords(join.left_out)})` : join.loose_names ? " (names agree without signs, spaces and leading zeros, or by their numbers alone)" : ""}.${clock}${midnight}`), rest];
 }

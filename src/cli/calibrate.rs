@@ -4,7 +4,7 @@ use super::files::{cannot_be_used, issue_in_words, issues_in_words, parse_json, 
 
 use super::measured::{TableOptions, in_words as understood_in_words, read_measurement_files};
 use super::options::{IdentifyOptions, SessionOptions, SetOptions};
-use super::robots::MountingArgument;
+use super::robots::{MountingArgument, joint_map};
 use super::robots_library::ready_arm;
 use super::table;
 use super::terminal::{Output, plain};
@@ -72,6 +72,9 @@ pub struct Arguments {
         allow_hyphen_values = true
     )]
     mounting: Option<MountingArgument>,
+    /// Joint map, in place of that in the robot file: its JSON, or a file with it.
+    #[arg(long, env = "KINCAL_JOINT_MAP", value_name = "JSON|FILE")]
+    joint_map: Option<PathBuf>,
     #[command(flatten)]
     output: Output,
     /// Also write the report as a printable HTML page into this file.
@@ -91,6 +94,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mut robot_body = read_robot_body(&arguments.robot)?;
     if let Some(MountingArgument(mounting)) = arguments.mounting {
         robot_body.mounting = Some(mounting);
+    }
+    if let Some(text) = &arguments.joint_map {
+        robot_body.joint_map = Some(joint_map(text)?);
     }
     let robot = Robot::try_from(&robot_body)
         .map_err(|invalid| Usage(cannot_be_used(&arguments.robot, &invalid.issues)))?;
@@ -354,6 +360,13 @@ pub fn robot_file(path: &Path, bytes: &[u8]) -> anyhow::Result<RobotBody> {
     {
         robot.retain(|name, _| !ANSWERED.contains(&name.as_str()));
         return parse_json(path, &serde_json::to_vec(&robot)?, "a robot");
+    }
+    if bytes.trim_ascii_start().first() == Some(&b'<') {
+        let text = format!(
+            "{0} is a robot description (URDF): make a robot file of it first, kincal import {0} > ROBOT.json",
+            path.display()
+        );
+        return Err(Usage(text).into());
     }
     parse_json(path, bytes, "a robot")
 }

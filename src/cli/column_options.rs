@@ -22,6 +22,9 @@ pub struct ColumnOptions {
     /// Column to ignore although its name is known. Once per column.
     #[arg(long, env = "KINCAL_IGNORE", value_name = "COLUMN")]
     pub ignore: Vec<String>,
+    /// Group of points to read, if one point stands under several groups of the instrument's file: Measured beside Nominals. Once per group.
+    #[arg(long, env = "KINCAL_GROUP", value_name = "GROUP")]
+    pub group: Vec<String>,
     /// Key by which the rows of two files are joined.
     #[arg(long, env = "KINCAL_JOIN", value_name = "BY", value_parser = ["name", "number", "time", "order"])]
     pub join: Option<String>,
@@ -100,7 +103,9 @@ impl ColumnOptions {
             };
         }
         let ignore = Some(&self.ignore).filter(|ignore| !ignore.is_empty());
+        let groups = Some(&self.group).filter(|groups| !groups.is_empty());
         all.extend(given(json!({
+            "groups": groups,
             "joint_unit": self.joint_unit, "position_unit": self.position_unit, "header_row": self.header_row, "separator": self.separator,
             "decimal": self.decimal, "sheet": self.sheet, "comments": self.comments, "ignore": ignore,
         })));

@@ -6,7 +6,7 @@ use super::usage::Usage;
 use crate::operations::import::import_with;
 use crate::wire::frames::Transform;
 use crate::wire::import::{ImportAnswer, ImportDigits, ImportFormat};
-use nalgebra::{Matrix3, Rotation3};
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 use std::path::{Path, PathBuf};
 
 /// Make a robot file from a URDF or a table of Denavit-Hartenberg parameters.
@@ -108,7 +108,8 @@ pub fn print_notes(imported: &ImportAnswer) {
 fn in_words(t: &Transform) -> String {
     let [x, y, z] = t.translation_mm;
     let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_fn(|i, j| t.rotation[i][j]));
-    let turned = match rotation.axis_angle() {
+    // The axis of a half turn is found from the quaternion only.
+    let turned = match UnitQuaternion::from_rotation_matrix(&rotation).axis_angle() {
         Some((axis, rad)) => format!(
             "turned by {:.4}° about ({:.4}, {:.4}, {:.4})",
             rad.to_degrees(),

@@ -243,6 +243,13 @@ fn table_in_words(file: &str, table: &UnderstoodBody, always: bool) -> Vec<Strin
             .collect();
         lines.push(format!("{file}reflectors (target): {}", names.join(", ")));
     }
+    if let Some(n) = table.other_groups {
+        let groups: Vec<String> = table.groups.iter().map(|name| plain(name)).collect();
+        lines.push(format!(
+            "{file}only these groups of points are read: {}; {n} rows of other groups are not",
+            groups.join(", ")
+        ));
+    }
     lines.extend(unread_in_words(table).map(|line| format!("{file}{line}")));
     lines
 }
@@ -271,6 +278,8 @@ pub fn unread_in_words(table: &UnderstoodBody) -> Option<String> {
 
 fn join_in_words(join: &JoinBody) -> Vec<String> {
     let clock = match (join.clock_offset_s, join.tolerance_s) {
+        // Standstills of two logs are paired where both stand.
+        (Some(offset), Some(0.0)) => format!("; {}", clock_offset_in_words(offset)),
         (Some(offset), Some(tolerance)) => {
             format!(
                 "; {}, pairs may be {tolerance:.3} s apart",
@@ -279,11 +288,19 @@ fn join_in_words(join: &JoinBody) -> Vec<String> {
         }
         _ => String::new(),
     };
+    let left_out = join.left_out.as_ref();
+    let left_out = left_out.map(|left_out| format!(" ({})", plain(&left_out.in_words())));
     let loosely = match join.loose_names {
+        true if left_out.is_some() => "",
         true => {
             " (names agree loosely: without signs, spaces and leading zeros, or by their numbers alone)"
         }
         false => "",
+    };
+    let loosely = left_out.as_deref().unwrap_or(loosely);
+    let clock = match join.over_midnight {
+        true => clock + "; times of day that fall back are those of the next day",
+        false => clock,
     };
     let clock = match join.instrument_log {
         true => clock + "; one position per standstill was taken from the instrument's log",

@@ -40,7 +40,9 @@ fn command(code: &str) -> Option<String> {
     let command = match code {
         "archived" => "kincal restore ID",
         "frame_suspect" => "--frame instrument",
-        "joint_map_suspect" => "kincal robots edit ROBOT --joint-map '{…}' with that joint_map",
+        "joint_map_suspect" => {
+            "--joint-map '{…}' with that joint_map, for kincal calibrate and for kincal robots edit ROBOT"
+        }
         "rotation_required" => "--rotation CONVENTION",
         "check_robot" | "measured_since_check" | "sessions_fit" | "scored_on_later_sessions" => {
             "kincal submit --verify --robot ROBOT SESSION --parameters ID; kincal checked ROBOT --reason TEXT"
@@ -78,6 +80,7 @@ fn options(mapping: &Map<String, Value>) -> String {
                     .map(|(means, column)| format!("--column {file}.{means}={}", argument(column))),
             ),
             (key, Value::Array(columns)) => {
+                let key = if key == "groups" { "group" } else { key };
                 all.extend(
                     columns
                         .iter()

@@ -210,15 +210,20 @@ fn edit(arguments: &EditArguments) -> anyhow::Result<()> {
     })
 }
 
+/// A joint map as an option: its JSON, or a file with it.
+pub fn joint_map(text: &Path) -> anyhow::Result<JointMapBody> {
+    match text.as_os_str().as_encoded_bytes() {
+        json @ [b'{', ..] => parse_json(Path::new("--joint-map"), json, "a joint map"),
+        _ => read_json(text, "a joint map"),
+    }
+}
+
 fn patch(arguments: &EditArguments) -> anyhow::Result<RobotPatchBody> {
     let removed =
         |field| -> Option<Option<String>> { arguments.remove.contains(&field).then_some(None) };
     let given = |text: &Option<String>| text.clone().map(Some);
-    let joint_map = match (&arguments.joint_map, &arguments.sign, &arguments.offset_deg) {
-        (Some(text), ..) => Some(match text.as_os_str().as_encoded_bytes() {
-            json @ [b'{', ..] => parse_json(Path::new("--joint-map"), json, "a joint map")?,
-            _ => read_json(text, "a joint map")?,
-        }),
+    let of_joints = match (&arguments.joint_map, &arguments.sign, &arguments.offset_deg) {
+        (Some(text), ..) => Some(joint_map(text)?),
         (None, None, None) => None,
         (None, sign, offset_deg) => Some(JointMapBody {
             sign: sign.clone(),
@@ -235,7 +240,7 @@ fn patch(arguments: &EditArguments) -> anyhow::Result<RobotPatchBody> {
             .map(|mounted| Some(mounted.0))
             .or(arguments.remove.contains(&Field::Mounting).then_some(None)),
         joint_limits_deg: arguments.limits.clone(),
-        joint_map: joint_map
+        joint_map: of_joints
             .map(Some)
             .or(arguments.remove.contains(&Field::JointMap).then_some(None)),
     })

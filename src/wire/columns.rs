@@ -27,7 +27,9 @@ const MAX_NUMBER: u64 = 1_000_000;
 ///
 /// Further keys are settings: `decimal` (`point`, `comma`), `separator` (`,` `;` `|` `tab` `spaces`), `header_row` (a line number counted from 1, or
 /// false), `comments` (true, false), `ignore` (a list of columns), `sheet`, and the units of columns whose header has no unit: `joint_unit` (`deg`,
-/// `rad`, `gon`) and `position_unit` (`mm`, `m`, `cm`, `um`, `in`).
+/// `rad`, `gon`) and `position_unit` (`mm`, `m`, `cm`, `um`, `in`). `groups` (a list of names) says which groups of points of an instrument's file are
+/// read, if one point stands under several, such as `Nominals` and `Measured`. A group is the part of a name before its last `::`, or stands in columns
+/// `group` and `collection`.
 ///
 /// For two files: `robot` and `instrument` contain the mapping of one of the files, and `join` says how their rows are joined (`{"by":
 /// "name"|"number"|"time"|"order", "tolerance_s", "clock_offset_s"}`).
@@ -141,6 +143,7 @@ impl ColumnsBody {
         mapping.sheet = mapping.sheet.or(shared.sheet);
         mapping.joint_unit = mapping.joint_unit.or(shared.joint_unit);
         mapping.position_unit = mapping.position_unit.or(shared.position_unit);
+        mapping.groups.extend(shared.groups);
         reader.checker.finish("invalid_columns")?;
         Ok(mapping)
     }
@@ -188,7 +191,7 @@ impl ColumnsBody {
 }
 
 /// Keys that are settings and not meanings of columns.
-const SETTINGS: [&str; 8] = [
+const SETTINGS: [&str; 9] = [
     "decimal",
     "separator",
     "header_row",
@@ -197,6 +200,7 @@ const SETTINGS: [&str; 8] = [
     "sheet",
     "joint_unit",
     "position_unit",
+    "groups",
 ];
 
 /// Reads the values of a mapping and collects the issues.
@@ -262,6 +266,7 @@ impl Reader {
                     }
                     None => self.wrong(&pointer, "a list of columns"),
                 },
+                "groups" => self.groups(value, &pointer, mapping),
                 "rotation" => {
                     let detail = "the convention of angles is no column: state it beside the mapping, as rotation=intrinsic_xyz (--rotation intrinsic_xyz)";
                     self.checker.add(&pointer, "unknown_meaning", detail);
@@ -269,7 +274,7 @@ impl Reader {
                 _ if !is_meaning(name) => {
                     let detail = format!(
                         "unknown key {name:?}; known are q1_deg … (or _rad _gon), x_mm y_mm z_mm (or _m _cm _um _in), {}, name, number, time_s; or \
-                         decimal, separator, header_row, comments, ignore, sheet, joint_unit, position_unit, robot, instrument, join",
+                         decimal, separator, header_row, comments, ignore, sheet, joint_unit, position_unit, groups, robot, instrument, join",
                         PLAIN.join(", ")
                     );
                     self.checker.add(&pointer, "unknown_meaning", detail);
@@ -281,6 +286,23 @@ impl Reader {
                         .extend(column.map(|column| (name.clone(), column)));
                 }
             }
+        }
+    }
+
+    fn groups(&mut self, value: &Value, pointer: &str, mapping: &mut Mapping) {
+        let name = |value: &Value| {
+            let name = value
+                .as_str()
+                .map(str::trim)
+                .filter(|name| !name.is_empty());
+            name.filter(|name| name.chars().count() <= MAX_TEXT)
+                .map(str::to_owned)
+        };
+        let list = value.as_array().filter(|list| list.len() <= MAX_ENTRIES);
+        let names: Option<Vec<String>> = list.and_then(|list| list.iter().map(name).collect());
+        match names {
+            Some(names) => mapping.groups.extend(names),
+            None => self.wrong(pointer, "a list of groups of points: [\"Measured\"]"),
         }
     }
 

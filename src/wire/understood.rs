@@ -1,7 +1,7 @@
 //! How a table was interpreted. This is part of answers and is stored with the bytes of an upload.
 
 use crate::measurement::columns::mapping::{ColumnRef, HeaderRow, Mapping, Separator};
-use crate::measurement::join::{Join, JoinBy, JoinOptions, Leftover};
+use crate::measurement::join::{Join, JoinBy, JoinOptions, LeftOut, Leftover};
 use crate::measurement::programs::Unread;
 use crate::measurement::table::points::Understood;
 use crate::measurement::{Decimal, MeasurementSet};
@@ -51,6 +51,12 @@ pub struct UnderstoodBody {
     /// Points of a robot program that are not read; absent if all are read.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unread: Option<UnreadPoints>,
+    /// The groups of points that are read, as the mapping states them; absent for all.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub groups: Vec<String>,
+    /// Number of rows of other groups; absent if there are none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub other_groups: Option<usize>,
 }
 
 /// Points of a robot program that are not read.
@@ -104,13 +110,59 @@ pub struct JoinBody {
     /// True if names were compared without punctuation, spaces and leading zeros, or by the numbers in them (`P1` with `Point 1` or 1).
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub loose_names: bool,
+    /// What is no part of the points' names, if names pair only without it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub left_out: Option<LeftOutBody>,
     /// True if the instrument's file is a continuous log (at least two rows per second). Then one position is taken from each standstill.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub instrument_log: bool,
+    /// With `time`: true if slow parts of motions in a log count as no standstills. Absent for uploads of earlier versions, which are read as they were.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub settled_standstills: bool,
+    /// With `time`: true if times of day fall back by about a day, and the rows behind are those of the next day.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub over_midnight: bool,
     /// Rows of the robot's file without a partner.
     pub leftover_robot: Leftovers,
     /// Rows of the instrument's file without a partner.
     pub leftover_instrument: Leftovers,
+}
+
+/// What is no part of the points' names.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = LeftOutOfNames)]
+pub struct LeftOutBody {
+    /// What all names of the robot's file begin with; absent if it is part of the names.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub robot: String,
+    /// What all names of the instrument's file begin with; absent if it is part of the names.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub instrument: String,
+    /// True if `P1_1` and `P1_2` of the instrument are repetitions of the robot's `P1`.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub repetitions: bool,
+}
+
+impl LeftOutBody {
+    /// What is left out, in words.
+    pub fn in_words(&self) -> String {
+        let files = [("robot", &self.robot), ("instrument", &self.instrument)];
+        let begins = files.iter().filter(|(_, begin)| !begin.is_empty());
+        let mut all: Vec<String> = begins
+            .map(|(file, begin)| {
+                format!(
+                    "{begin:?}, with which all names of the {file} file begin, is no part of them"
+                )
+            })
+            .collect();
+        if self.repetitions {
+            all.push(
+                "the last number of the instrument's names counts the repetitions of a point"
+                    .into(),
+            );
+        }
+        all.join("; ")
+    }
 }
 
 /// Rows without a partner.
@@ -186,8 +238,8 @@ const LABELS: [&str; 14] = [
 const MAX_LABELS: usize = 4;
 
 impl Reading {
-    /// Names the columns that are not read although they may identify the reflector or the instrument's set-up of a row; `None` if there
-    /// are none.
+    /// What may be the cause if the points do not fit: columns that are not read although they may identify the reflector or the instrument's set-up of a
+    /// row, and the clocks of two files that were paired by time. `None` if there is nothing of this kind.
     pub fn unread_labels(&self) -> Option<String> {
         let tables = self.understood.iter().chain(
             self.joined
@@ -204,12 +256,25 @@ impl Reading {
             .take(MAX_LABELS)
             .map(|name| format!("{name:?}"))
             .collect();
-        let first = names.first()?;
-        Some(format!(
-            "Not read: {}. If such a column says which reflector (target) or which set-up of the instrument (station) a row is of, say so \
-             in the column mapping: {{\"target\": {first}}}",
-            names.join(", ")
-        ))
+        let labels = names.first().map(|first| {
+            format!(
+                "Not read: {}. If such a column says which reflector (target) or which set-up of the instrument (station) a row is of, say so \
+                 in the column mapping: {{\"target\": {first}}}",
+                names.join(", ")
+            )
+        });
+        let offset_s = self
+            .joined
+            .as_ref()
+            .and_then(|joined| joined.join.clock_offset_s);
+        let clocks = offset_s.map(|offset_s| {
+            format!(
+                "The rows were paired by time, with the robot's clock {offset_s:.3} s ahead of the instrument's: if that is not so, say it \
+                 in the column mapping: {{\"join\": {{\"clock_offset_s\": \"SECONDS\"}}}}"
+            )
+        });
+        let all: Vec<String> = labels.into_iter().chain(clocks).collect();
+        (!all.is_empty()).then(|| all.join(". "))
     }
 }
 
@@ -246,6 +311,8 @@ impl From<&Understood> for UnderstoodBody {
                 .map(|name| shortened(name))
                 .collect(),
             unread: UnreadPoints::from_unread(&found.unread),
+            groups: found.groups.clone(),
+            other_groups: Some(found.n_other_groups).filter(|n| *n > 0),
         }
     }
 }
@@ -311,6 +378,7 @@ impl UnderstoodBody {
             plain_quotes: self.plain_quotes,
             comments: self.comments,
             sheet: self.sheet.clone(),
+            groups: self.groups.clone(),
             is_complete: true,
             ..Mapping::default()
         }
@@ -325,7 +393,14 @@ impl From<&Join> for JoinBody {
             tolerance_s: join.tolerance_s,
             clock_offset_s: join.clock_offset_s,
             loose_names: join.loose_names,
+            left_out: join.left_out.as_ref().map(|left_out| LeftOutBody {
+                robot: left_out.robot.clone(),
+                instrument: left_out.instrument.clone(),
+                repetitions: left_out.repetitions,
+            }),
             instrument_log: join.instrument_log,
+            settled_standstills: join.settled_standstills,
+            over_midnight: join.over_midnight,
             leftover_robot: Leftovers::from(&join.leftover_robot[..]),
             leftover_instrument: Leftovers::from(&join.leftover_instrument[..]),
         }
@@ -353,7 +428,13 @@ impl JoinBody {
             tolerance_s: self.tolerance_s,
             clock_offset_s: self.clock_offset_s,
             loose_names: self.loose_names,
+            left_out: self.left_out.as_ref().map(|left_out| LeftOut {
+                robot: left_out.robot.clone(),
+                instrument: left_out.instrument.clone(),
+                repetitions: left_out.repetitions,
+            }),
             instrument_log: Some(self.instrument_log),
+            settled_standstills: self.settled_standstills,
             refuse_apart: false,
         }
     }

@@ -7,6 +7,7 @@ mod layouts;
 mod names;
 mod put_aside;
 mod put_aside_by_name;
+mod remedies;
 mod second_readings;
 mod traps;
 

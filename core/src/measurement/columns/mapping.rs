@@ -98,6 +98,8 @@ pub struct Mapping {
     pub joint_unit: Option<&'static str>,
     /// Unit of positions in columns without a unit, one of [`LENGTHS`](crate::measurement::columns::names::LENGTHS).
     pub position_unit: Option<&'static str>,
+    /// The groups of points to read; empty for all. Only for files with positions.
+    pub groups: Vec<String>,
     /// With `is_complete`: whether unclosed quotes are plain characters. False for files of earlier versions, which are read as those
     /// versions read them.
     pub plain_quotes: bool,

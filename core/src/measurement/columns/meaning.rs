@@ -20,11 +20,16 @@ pub fn key(means: &str) -> Option<Key> {
     Some(match means {
         "name" => Key::Name,
         "number" => Key::Number,
+        "group" => Key::Group,
+        "collection" => Key::Collection,
         "time" => Key::Time(TimeUnit::Unstated),
         "time_s" => Key::Time(TimeUnit::Seconds),
         "time_ms" => Key::Time(TimeUnit::Milliseconds),
         "time_us" => Key::Time(TimeUnit::Microseconds),
-        _ => return None,
+        _ => {
+            let rate = means.strip_prefix("time_")?.strip_suffix("hz")?;
+            Key::Time(TimeUnit::of_rate(rate)?)
+        }
     })
 }
 
@@ -41,8 +46,10 @@ pub fn key_name(key: Key) -> String {
     match key {
         Key::Name => "name".into(),
         Key::Number => "number".into(),
+        Key::Group => "group".into(),
+        Key::Collection => "collection".into(),
         Key::Time(unit) => unit
-            .as_str()
+            .name()
             .map_or("time".into(), |unit| format!("time_{unit}")),
     }
 }

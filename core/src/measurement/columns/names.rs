@@ -34,6 +34,17 @@ pub enum Key {
     Number,
     /// Time of the row, with the unit of the column.
     Time(TimeUnit),
+    /// Group of points to which the row belongs, such as `Measured`.
+    Group,
+    /// Collection of such groups.
+    Collection,
+}
+
+impl Key {
+    /// Whether a column of this key says which point a row is.
+    pub fn is_label(self) -> bool {
+        !matches!(self, Self::Group | Self::Collection)
+    }
 }
 
 /// Columns with fixed names. The name includes the unit if the column has one.
@@ -175,6 +186,7 @@ fn joint(words: &[&str], unit: Unit) -> Option<Known> {
                 | "asse"
                 | "gelenk"
                 | "jt"
+                | "jpos"
                 | "rax"
                 | "theta"
                 | "θ"
@@ -190,7 +202,7 @@ fn joint(words: &[&str], unit: Unit) -> Option<Known> {
     let (is_joint, number) = match rest[..] {
         [base, number] => (is_base(&base), number),
         // `$AXIS_ACT.A1`
-        ["axis", "a", number] => (true, number),
+        ["axis" | "joint", "a", number] => (true, number),
         [number] => (words.iter().any(is_angular), number),
         _ => return None,
     };
@@ -212,9 +224,13 @@ fn position(words: &[&str], unit: Unit) -> Option<Known> {
         .filter(|word| !is_one_of(IGNORED_POSITION_WORDS, word))
         .collect();
     let axis = match rest[..] {
-        ["x" | "px"] => 0,
-        ["y" | "py"] => 1,
-        ["z" | "pz"] => 2,
+        ["x" | "px" | "posx"] => 0,
+        ["y" | "py" | "posy"] => 1,
+        ["z" | "pz" | "posz"] => 2,
+        // Without a unit it may be a torque.
+        ["tx"] if unit != Unit::Missing => 0,
+        ["ty"] if unit != Unit::Missing => 1,
+        ["tz"] if unit != Unit::Missing => 2,
         _ => return None,
     };
     length.then_some(Known::Position(axis, unit))
@@ -239,7 +255,10 @@ fn key(words: &[&str], unit: Unit) -> Option<Known> {
             "point" | "pt" | "punkt" | "pkt" | "target",
             "name" | "id" | "label",
         ]
-        | ["object", "name"] => Key::Name,
+        | ["object", "name"]
+        | ["collection", "group", "target" | "point"] => Key::Name,
+        ["group" | "gruppe"] | ["point", "group"] | ["group", "name"] => Key::Group,
+        ["collection"] | ["collection", "name"] => Key::Collection,
         ["no" | "nr" | "number" | "num" | "index" | "idx" | "nummer" | "#" | "id"]
         | [
             "point" | "pt" | "punkt" | "pkt" | "pose" | "row",
@@ -282,10 +301,18 @@ fn differs_by_one(a: &str, b: &str) -> bool {
     same_start + same_end + 1 >= longest
 }
 
-/// Names of axes, without spaces, of makers that do not number them: Yaskawa, and Universal Robots.
-const NAMED_AXES: [[&str; 6]; 2] = [
+/// Names of axes, without spaces, of makers that do not number them: Yaskawa, and Universal Robots on its pendant and in ROS.
+const NAMED_AXES: [[&str; 6]; 3] = [
     ["s", "l", "u", "r", "b", "t"],
     ["base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"],
+    [
+        "shoulderpan",
+        "shoulderlift",
+        "elbow",
+        "wrist1",
+        "wrist2",
+        "wrist3",
+    ],
 ];
 
 /// The six axes of a maker with named axes, as (place, axis counted from 1, unit), if a table has exactly one column for each. A single
@@ -299,6 +326,7 @@ pub fn named_axes(
         let axis = |(place, (name, below)): (usize, &(&str, Option<Unit>))| {
             let (base, unit) = without_unit(&simplified(name));
             let base = base.replace([' ', '_'], "");
+            let base = base.strip_suffix("joint").unwrap_or(&base);
             let axis = maker.iter().position(|name| *name == base)?;
             let unit = unit.or(*below).unwrap_or(Unit::Missing);
             let is_known = is_angle(unit) || matches!(unit, Unit::Missing | Unit::TwoReadings);

@@ -1,5 +1,9 @@
 //! Units in headers and cells.
 
+/// Rates of cameras, Hz.
+const MIN_RATE_HZ: f64 = 0.1;
+const MAX_RATE_HZ: f64 = 1.0e6;
+
 /// Unit of a column of times.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TimeUnit {
@@ -11,17 +15,28 @@ pub enum TimeUnit {
     Milliseconds,
     /// Microseconds.
     Microseconds,
+    /// Frames of a camera, with their number in a thousand seconds.
+    Frames(u32),
 }
 
 impl TimeUnit {
     /// Name of the unit.
-    pub fn as_str(self) -> Option<&'static str> {
+    pub fn name(self) -> Option<String> {
         match self {
             Self::Unstated => None,
-            Self::Seconds => Some("s"),
-            Self::Milliseconds => Some("ms"),
-            Self::Microseconds => Some("us"),
+            Self::Seconds => Some("s".into()),
+            Self::Milliseconds => Some("ms".into()),
+            Self::Microseconds => Some("us".into()),
+            Self::Frames(millihertz) => Some(format!("{}hz", f64::from(millihertz) / 1e3)),
         }
+    }
+
+    /// Frames at this rate, if it can be that of a camera: 120 for `120hz`.
+    pub fn of_rate(hertz: &str) -> Option<Self> {
+        let rate: f64 = hertz.trim().parse().ok()?;
+        (MIN_RATE_HZ..=MAX_RATE_HZ)
+            .contains(&rate)
+            .then(|| Self::Frames((rate * 1e3).round() as u32))
     }
 
     /// Number of seconds in one unit.
@@ -30,6 +45,7 @@ impl TimeUnit {
             Self::Unstated | Self::Seconds => 1.0,
             Self::Milliseconds => 1.0e-3,
             Self::Microseconds => 1.0e-6,
+            Self::Frames(millihertz) => 1.0e3 / f64::from(millihertz),
         }
     }
 }

@@ -3,14 +3,14 @@
 use crate::measurement::join::options::{JoinError, error};
 
 /// Maximum number of positions with which clock differences are tried.
-const MAX_TRIED: usize = 200;
+pub const MAX_TRIED: usize = 200;
 /// Maximum number of clock differences that an error names.
 const MAX_OFFSETS_NAMED: usize = 20;
 /// Maximum number of clock differences that are kept for an error. With more of them the rows follow each other evenly, and only a stated difference
 /// helps.
-const MAX_TIES: usize = 200;
+pub const MAX_TIES: usize = 200;
 /// Minimum number of pairs for finding the clock difference.
-const MIN_PAIRS: usize = 4;
+pub const MIN_PAIRS: usize = 4;
 
 /// A standstill of the robot: its start, its end, and the row in the middle.
 #[derive(Clone, Copy, Debug)]
@@ -80,11 +80,9 @@ pub fn found_offset(
     }
     let possible = tried.len().min(standstills.len());
     if ties.most < MIN_PAIRS || 2 * ties.most < possible {
-        let detail = format!(
-            "the two clocks cannot be compared: with no difference between them do the times of most rows agree within {tolerance_s:.3} s. State \
-             the robot's clock minus the instrument's in the column mapping: {{\"join\": {{\"clock_offset_s\": \"SECONDS\", \"tolerance_s\": \"SECONDS\"}}}}"
-        );
-        return Err(error("join_unclear", detail));
+        return Err(clocks_cannot_be_compared(&format!(
+            "with no difference between them do the times of most rows agree within {tolerance_s:.3} s"
+        )));
     }
     if !ties.are_contradictory {
         return Ok(ties.offsets_s[0]);
@@ -93,23 +91,32 @@ pub fn found_offset(
     Err(several_offsets(ties.offsets_s, &n_pairs))
 }
 
+/// The error if no clock difference pairs enough rows.
+pub fn clocks_cannot_be_compared(why: &str) -> JoinError {
+    let detail = format!(
+        "the two clocks cannot be compared: {why}. State the robot's clock minus the instrument's in the column mapping: {{\"join\": {{\"clock_offset_s\": \
+         \"SECONDS\", \"tolerance_s\": \"SECONDS\"}}}}"
+    );
+    error("join_unclear", detail)
+}
+
 /// Refuses a stated clock difference that pairs no row, or, unless the join by time was requested, fewer than half of the rows that can be paired.
 ///
 /// # Errors
 /// `join_unclear` with the difference that the times show, if they show one.
 pub(super) fn refuse_wrong_offset(
-    standstills: &[Standstill],
-    instrument_s: &[f64],
     stated_s: f64,
-    tolerance_s: f64,
     is_by_time: bool,
+    possible: usize,
+    n_pairs: &dyn Fn(f64) -> usize,
+    found: &dyn Fn() -> Result<f64, JoinError>,
+    tolerance_s: f64,
 ) -> Result<(), JoinError> {
-    let n_pairs = |offset_s| count(&paired(standstills, instrument_s, offset_s, tolerance_s));
-    let (n, possible) = (n_pairs(stated_s), instrument_s.len().min(standstills.len()));
+    let n = n_pairs(stated_s);
     if 2 * n >= possible || n > 0 && is_by_time {
         return Ok(());
     }
-    let found = match found_offset(standstills, instrument_s, tolerance_s) {
+    let found = match found() {
         Ok(found_s) => {
             let rounded_s = (found_s * 1e3).round() / 1e3;
             format!(
@@ -172,7 +179,7 @@ impl Ties {
 
 /// The error for clock differences that fit equally well. None of them is recommended, because nothing in the files decides which one is
 /// correct.
-fn several_offsets(mut offsets_s: Vec<f64>, n_pairs: &dyn Fn(f64) -> usize) -> JoinError {
+pub fn several_offsets(mut offsets_s: Vec<f64>, n_pairs: &dyn Fn(f64) -> usize) -> JoinError {
     offsets_s.sort_by(f64::total_cmp);
     let named: Vec<String> = offsets_s
         .iter()

@@ -1,5 +1,7 @@
 //! Options and errors of the join of two files.
 
+use crate::measurement::join::name_parts::LeftOut;
+
 /// The key by which rows of two files are paired.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum JoinBy {
@@ -29,7 +31,7 @@ impl JoinBy {
 }
 
 /// What a caller states about the join.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct JoinOptions {
     /// The key to pair by; none to try all keys except the order.
     pub by: Option<JoinBy>,
@@ -42,6 +44,11 @@ pub struct JoinOptions {
     /// By time: whether the instrument's file is a continuous log, of which only the standstills are used. `None`: detected from the time between its
     /// rows.
     pub instrument_log: Option<bool>,
+    /// For stored uploads: what was left out of the names. Of new ones it is found.
+    pub left_out: Option<LeftOut>,
+    /// By time: whether slow parts of motions in a log count as no standstills, and the standstills of two logs are compared as a whole. False for uploads
+    /// that earlier versions stored.
+    pub settled_standstills: bool,
     /// Whether these are refused: positions with the same name that are too far apart, and tables that occur twice in a file. False for
     /// stored uploads, which were accepted once.
     pub refuse_apart: bool,
@@ -55,6 +62,8 @@ impl Default for JoinOptions {
             clock_offset_s: None,
             loose_names: true,
             instrument_log: None,
+            left_out: None,
+            settled_standstills: true,
             refuse_apart: true,
         }
     }

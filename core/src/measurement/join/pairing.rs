@@ -3,13 +3,13 @@
 
 use crate::measurement::columns::meaning::key;
 use crate::measurement::columns::names::Key;
-use crate::measurement::join::labels::{
-    TwoWords, are_numbered, exact, last_part, lower, number, numbers_in_names, only_number,
-    without_punctuation,
-};
+use crate::measurement::join::by_names::{Names, by_names, by_numbers, same_joints};
+use crate::measurement::join::name_parts::LeftOut;
 use crate::measurement::join::options::{Pairs, error};
-use crate::measurement::join::time::{Clock, MAX_APART, by_time, extent_mm, times};
-use crate::measurement::set::{Point, SAME_JOINT_RAD};
+use crate::measurement::join::time::{Clock, MAX_APART, by_time, extent_mm};
+use crate::measurement::join::times::{over_midnight, times};
+use crate::measurement::set::Point;
+use crate::measurement::table::checks::point_groups::{point_in_group, several_groups};
 use crate::measurement::table::checks::repeats::rows_again;
 use crate::measurement::table::points::{Content, name_in_one_line};
 use std::collections::{BTreeMap, BTreeSet};
@@ -38,8 +38,14 @@ pub struct Join {
     pub clock_offset_s: Option<f64>,
     /// By name: whether the names agree only without punctuation, spaces and leading zeros, or by the numbers in them.
     pub loose_names: bool,
+    /// By name or number: what was left out of the names.
+    pub left_out: Option<LeftOut>,
     /// By time: whether the instrument's file is a continuous log. Only the standstills of a log are used.
     pub instrument_log: bool,
+    /// By time: whether slow parts of motions count as no standstills, as in [`JoinOptions`].
+    pub settled_standstills: bool,
+    /// By time: whether times of day fall back, and the rows behind are those of the next day.
+    pub over_midnight: bool,
     /// Rows of the robot's file without a partner.
     pub leftover_robot: Vec<Leftover>,
     /// Rows of the instrument's file without a partner.
@@ -54,6 +60,8 @@ struct Pairing {
     clock: Option<Clock>,
     /// Whether names were compared loosely.
     is_loose: bool,
+    /// By name or number: what was left out of the names.
+    left_out: Option<LeftOut>,
     /// Number of rows of the robot's file that can have a partner. By time, this is the number of standstills.
     n_robot: usize,
 }
@@ -75,11 +83,6 @@ impl Pairing {
             .filter_map(|(a, b)| a.zip(*b))
             .any(|(a, b)| !same_joints(&robot.points[a], &robot.points[b]))
     }
-}
-
-fn same_joints(a: &Point, b: &Point) -> bool {
-    let mut joints = a.q_rad.iter().zip(&b.q_rad);
-    joints.all(|(a, b)| (a - b).abs() < SAME_JOINT_RAD)
 }
 
 /// Joins the two files. The result has the positions in their order, each with its joint values.
@@ -139,13 +142,18 @@ pub fn join(
         ));
     }
     if options.refuse_apart && matches!(best.by, JoinBy::Name | JoinBy::Number) {
+        refuse_several_groups(robot, instrument, best)?;
         refuse_apart(instrument, best)?;
     }
     let joined = points(robot, instrument, best);
     if options.refuse_apart {
         refuse_again(&joined, instrument, best)?;
     }
-    Ok((joined, summary(robot, instrument, best)))
+    let found = Join {
+        settled_standstills: options.settled_standstills && best.by == JoinBy::Time,
+        ..summary(robot, instrument, best)
+    };
+    Ok((joined, found))
 }
 
 /// Refuses an instrument's file that contains a table twice.
@@ -190,42 +198,108 @@ fn points(robot: &Content, instrument: &Content, pairing: &Pairing) -> Vec<Point
 
 /// The error if no key pairs the rows. It shows examples from the columns that might pair them.
 fn nothing_pairs(robot: &Content, instrument: &Content, by: Option<JoinBy>) -> JoinError {
-    let labels = |content: &Content| {
+    let names = |content| {
         let column = cells(content, JoinBy::Name).or_else(|| cells(content, JoinBy::Number));
-        column.map(|(_, cells)| {
-            let some: Vec<String> = cells
-                .iter()
-                .take(2)
-                .map(|label| format!("{label:?}"))
-                .collect();
-            some.join(", ")
-        })
+        column.map(|(_, cells)| cells)
     };
-    let seen = match (labels(robot), labels(instrument)) {
-        (Some(ours), Some(theirs)) => format!(
-            ". The robot's file has {ours} …, the instrument's {theirs} …: write the same names in both"
+    let examples = |cells: &[String]| {
+        let some = cells.iter().take(2).map(|label| format!("{label:?}"));
+        some.collect::<Vec<String>>().join(", ")
+    };
+    let (ours, theirs) = (names(robot), names(instrument));
+    let (seen, remedy) = match (ours, theirs) {
+        (None, None) if counts_frames(instrument) => (
+            ". The instrument's file counts frames, and does not say how many there are in a second".to_owned(),
+            ". Say it in the column mapping: {\"instrument\": {\"time_100hz\": \"Frame\"}} for 100 frames a second",
         ),
-        (None, None) => String::new(),
-        (None, _) => ". The robot's file has no column of names or numbers that is known".into(),
-        (_, None) => {
-            ". The instrument's file has no column of names or numbers that is known".into()
-        }
+        (Some(ours), Some(theirs)) => (
+            format!(
+                ". The robot's file has {} …, the instrument's {} …: write the same names in both",
+                examples(ours),
+                examples(theirs)
+            ),
+            ". If other columns have them, say which in the column mapping: {\"robot\": {\"name\": \"COLUMN\"}, \"instrument\": {\"name\": \"COLUMN\"}}",
+        ),
+        (None, None) => (
+            String::new(),
+            ". Name them in the column mapping: {\"robot\": {\"name\": \"COLUMN\"}, \"instrument\": {\"name\": \"COLUMN\"}}",
+        ),
+        (None, _) => (
+            ". The robot's file has no column of names or numbers that is known".into(),
+            ". Name it in the column mapping: {\"robot\": {\"name\": \"COLUMN\"}}",
+        ),
+        (Some(_), None) if counts_frames(instrument) => (
+            ". The instrument's file counts frames, and does not say how many there are in a second".into(),
+            ". Say it in the column mapping: {\"instrument\": {\"time_100hz\": \"Frame\"}} for 100 frames a second",
+        ),
+        (_, None) => (
+            ". The instrument's file has no column of names or numbers that is known".into(),
+            ". Name it in the column mapping: {\"instrument\": {\"name\": \"COLUMN\"}}",
+        ),
     };
-    let by_number = match by {
-        Some(JoinBy::Number) => "",
-        _ => {
+    let may_be_in_order =
+        ours.is_none() || theirs.is_none() || robot.points.len() == instrument.points.len();
+    let by_order = match may_be_in_order {
+        true => {
+            ". If row belongs to row, say so in the column mapping: {\"join\": {\"by\": \"order\"}}"
+        }
+        false => "",
+    };
+    let pairs_by_number = by != Some(JoinBy::Number)
+        && ours.zip(theirs).is_some_and(|(ours, theirs)| {
+            let found = by_numbers(robot, ours, theirs);
+            found.is_ok_and(|pairs| {
+                2 * pairs.iter().flatten().count() >= ours.len().min(theirs.len())
+            })
+        });
+    let by_number = match pairs_by_number {
+        true => {
             ". If the numbers in the names say it, say so in the column mapping: {\"join\": {\"by\": \"number\"}}; names that are called otherwise \
              than most are then left over"
         }
+        false => "",
     };
     error(
         "join_unclear",
         format!(
-            "nothing pairs the rows of the two files: both need a column with the points' names, numbers or times that agree{seen}. Name them \
-             in the column mapping: {{\"robot\": {{\"name\": \"COLUMN\"}}, \"instrument\": {{\"name\": \"COLUMN\"}}}}. If row belongs to row, say so \
-             in the column mapping: {{\"join\": {{\"by\": \"order\"}}}}{by_number}"
+            "nothing pairs the rows of the two files: both need a column with the points' names, numbers or times that \
+             agree{seen}{remedy}{by_order}{by_number}"
         ),
     )
+}
+
+/// Whether a file has a column `Frame` and no time.
+fn counts_frames(content: &Content) -> bool {
+    let mut ignored = content.understood.ignored.iter();
+    cells(content, JoinBy::Time).is_none() && ignored.any(|name| name.eq_ignore_ascii_case("frame"))
+}
+
+/// Refuses a posture whose positions stand under several groups of the instrument's file.
+fn refuse_several_groups(
+    robot: &Content,
+    instrument: &Content,
+    pairing: &Pairing,
+) -> Result<(), JoinError> {
+    // Who names several groups says that they are repeated measurements.
+    if instrument.understood.groups.len() > 1 {
+        return Ok(());
+    }
+    let paired = instrument.points.iter().zip(&instrument.groups);
+    let paired = paired.zip(&pairing.pairs);
+    let rows = paired.filter_map(|((point, group), pair)| {
+        let name = label(robot, pairing.by, (*pair)?);
+        let reflector = point.target_name.clone();
+        let reflector = reflector.unwrap_or_else(|| match point.target {
+            0 => String::new(),
+            target => target.to_string(),
+        });
+        let key = point_in_group(name, &reflector, point);
+        Some((key, group.as_str()))
+    });
+    match several_groups(rows) {
+        Some(detail) => Err(error("two_readings", format!("instrument file: {detail}"))),
+        None => Ok(()),
+    }
 }
 
 /// Refuses positions with the same name, reflector and station that are too far apart to be repetitions of one point.
@@ -289,6 +363,7 @@ fn pair(
             pairs,
             clock: None,
             is_loose: false,
+            left_out: None,
             n_robot,
         }))
     };
@@ -330,10 +405,18 @@ fn pair(
     }
     match by {
         JoinBy::Time => {
-            let times = (
+            let mut times = (
                 times(means, ours, &robot.lines, "robot")?,
                 times(their_means, theirs, &instrument.lines, "instrument")?,
             );
+            // Uploads of earlier versions are read as they were.
+            let is_over_midnight = options.settled_standstills && {
+                let both = (
+                    over_midnight(&mut times.0, ours),
+                    over_midnight(&mut times.1, theirs),
+                );
+                both.0 || both.1
+            };
             let (pairs, clock) = by_time(
                 &robot.points,
                 &times.0,
@@ -345,121 +428,36 @@ fn pair(
             Ok(Some(Pairing {
                 by,
                 pairs,
-                clock: Some(clock),
+                clock: Some(Clock {
+                    is_over_midnight,
+                    ..clock
+                }),
                 is_loose: false,
+                left_out: None,
                 n_robot,
             }))
         }
-        JoinBy::Number if is_in_names => {
-            let [ours, theirs] = numbers_in_names(ours, theirs).map_err(two_words)?;
-            plain(by_label(robot, &ours, &theirs, &[number])?)
-        }
-        JoinBy::Number => plain(by_label(robot, ours, theirs, &[number])?),
         _ => {
-            let strict = by_label(robot, ours, theirs, &[exact, lower, last_part])?;
-            let count = |pairs: &Pairs| pairs.iter().flatten().count();
-            let mut loose = match options.loose_names {
-                true => paired_as(robot, ours, theirs, without_punctuation).ok(),
-                false => None,
-            };
-            let has_none = |pairs: &Pairs| count(pairs) == 0;
-            if loose.as_ref().is_some_and(has_none) && has_none(&strict) {
-                loose = by_numbers_in_names(robot, ours, theirs);
-            }
-            let is_loose = |pairs: &Pairs| count(pairs) > count(&strict);
-            match loose.filter(is_loose) {
-                Some(pairs) => Ok(Some(Pairing {
-                    by,
-                    pairs,
-                    clock: None,
-                    is_loose: true,
-                    n_robot,
-                })),
-                None => Ok(Some(Pairing {
-                    by,
-                    pairs: strict,
-                    clock: None,
+            let how = match by {
+                JoinBy::Number if is_in_names => Names::NumbersIn,
+                JoinBy::Number => Names::Numbers,
+                _ => Names::Of {
+                    loosely: options.loose_names,
                     // In a file without names, numbers are used as names.
-                    is_loose: by == JoinBy::Name && !(has_name(robot) && has_name(instrument)),
-                    n_robot,
-                })),
-            }
+                    have_names,
+                },
+            };
+            let found = by_names(robot, ours, theirs, how, options)?;
+            Ok(Some(Pairing {
+                by,
+                pairs: found.pairs,
+                clock: None,
+                is_loose: found.is_loose,
+                left_out: found.left_out,
+                n_robot,
+            }))
         }
     }
-}
-
-/// The error if the points' names cannot be told from others with numbers.
-fn two_words(TwoWords(first, second): TwoWords) -> JoinError {
-    error(
-        "join_unclear",
-        format!(
-            "one file has names with {first:?} and names with {second:?}, and the numbers of both could be the points': remove the rows that are no points, \
-             or give the points the same names in both files"
-        ),
-    )
-}
-
-/// Pairs names such as `P1` and `Point 1` by their numbers, if no number is missing or has two names in one file.
-fn by_numbers_in_names(robot: &Content, ours: &[String], theirs: &[String]) -> Option<Pairs> {
-    let form = |label: &str| only_number(label).unwrap_or_default();
-    // A name that is the same in every row is not the name of a point.
-    let are_several = |labels: &[String]| labels.iter().any(|label| label != &labels[0]);
-    let can_pair = are_several(ours) && are_several(theirs);
-    match can_pair && are_numbered(ours) && are_numbered(theirs) {
-        true => paired_as(robot, ours, theirs, form).ok(),
-        false => None,
-    }
-}
-
-/// Pairs rows with equal labels. The labels are compared in several forms; the form that pairs the most rows is used.
-fn by_label(
-    robot: &Content,
-    ours: &[String],
-    theirs: &[String],
-    forms: &[fn(&str) -> String],
-) -> Result<Pairs, JoinError> {
-    let mut best: Option<Result<Pairs, JoinError>> = None;
-    let mut most = 0;
-    for form in forms {
-        let pairs = paired_as(robot, ours, theirs, *form);
-        let n = pairs
-            .as_ref()
-            .map_or(usize::MAX, |pairs| pairs.iter().flatten().count());
-        // A form that makes two different names equal gives an error and is never better.
-        if best.is_none() || n > most && pairs.is_ok() {
-            (most, best) = (n, Some(pairs));
-        }
-    }
-    best.unwrap_or_else(|| Ok(vec![]))
-}
-
-fn paired_as(
-    robot: &Content,
-    ours: &[String],
-    theirs: &[String],
-    form: fn(&str) -> String,
-) -> Result<Pairs, JoinError> {
-    let mut rows: BTreeMap<String, usize> = BTreeMap::new();
-    let wanted: BTreeSet<String> = theirs.iter().map(|label| form(label)).collect();
-    for (row, label) in ours
-        .iter()
-        .enumerate()
-        .filter(|(_, label)| !label.is_empty())
-    {
-        let label = form(label);
-        let first = *rows.entry(label.clone()).or_insert(row);
-        if wanted.contains(&label) && !same_joints(&robot.points[first], &robot.points[row]) {
-            let detail = format!(
-                "{label:?} is in lines {} and {} of the robot's file with different joint values: which of them was measured? Give each its own name",
-                robot.lines[first], robot.lines[row]
-            );
-            return Err(error("duplicate_name", detail));
-        }
-    }
-    Ok(theirs
-        .iter()
-        .map(|label| rows.get(&form(label)).copied())
-        .collect())
 }
 
 fn summary(robot: &Content, instrument: &Content, pairing: &Pairing) -> Join {
@@ -486,10 +484,13 @@ fn summary(robot: &Content, instrument: &Content, pairing: &Pairing) -> Join {
         tolerance_s: pairing.clock.as_ref().map(|clock| clock.tolerance_s),
         clock_offset_s: pairing.clock.as_ref().map(|clock| clock.offset_s),
         loose_names: pairing.is_loose,
+        left_out: pairing.left_out.clone(),
         instrument_log: pairing
             .clock
             .as_ref()
             .is_some_and(|clock| clock.instrument_rows.is_some()),
+        settled_standstills: false,
+        over_midnight: (pairing.clock.as_ref()).is_some_and(|clock| clock.is_over_midnight),
         leftover_robot: (0..robot.points.len())
             .filter(is_leftover)
             .map(|row| leftover(robot, row))

@@ -12,6 +12,7 @@ use crate::measurement::issue::{Issue, MAX_ISSUES};
 use crate::measurement::table::Table;
 use crate::measurement::table::groups::{without_groups_not_measured, without_rotations};
 use crate::measurement::table::halves::missing_half;
+use crate::measurement::table::lines::is_numeric;
 use crate::measurement::table::other_layouts::other_layout;
 use crate::measurement::table::plain::{is_of_target, named_plain};
 use crate::measurement::table::resolution::Resolution;
@@ -54,16 +55,29 @@ fn with_time_of_rtde(table: &Table, mut known: Vec<(usize, Known)>) -> Vec<(usiz
     known
 }
 
+/// Where the file states the frames per second, the number of the frame is the time.
+fn with_time_of_frames(table: &Table, mut known: Vec<(usize, Known)>) -> Vec<(usize, Known)> {
+    let has_time = known
+        .iter()
+        .any(|(_, known)| matches!(known, Known::Key(Key::Time(_))));
+    if let Some(rate) = table.frame_rate.filter(|_| !has_time) {
+        for (place, known) in &mut known {
+            if table.name(*place).eq_ignore_ascii_case("frame") {
+                *known = Known::Key(Key::Time(rate));
+            }
+        }
+    }
+    known
+}
+
 impl Resolution<'_> {
     /// Advice for a file without a header of which no column is known.
     fn no_header(&self) -> String {
-        let (other, others) = match self.needs {
-            Needs::Joints => ("instrument", r#"{"q1_deg": 1, "robot": {"name": 2}}"#),
-            Needs::Positions => (
-                "robot",
-                r#"{"x_mm": 1, "y_mm": 2, "z_mm": 3, "instrument": {"name": 4}}"#,
-            ),
-            Needs::Points => ("", r#"{"q1_deg": 1}"#),
+        let others = self.numbered_columns();
+        let other = match self.needs {
+            Needs::Joints => "instrument",
+            Needs::Positions => "robot",
+            Needs::Points => "",
         };
         let is_stated = self.mapping.header_row == Some(HeaderRow::None) && !other.is_empty();
         match is_stated {
@@ -76,6 +90,49 @@ impl Resolution<'_> {
                  from 1, in the column mapping: {others}"
             ),
         }
+    }
+
+    /// A mapping by numbers, for an example: the first columns with numbers, and a column of names that are all different.
+    fn numbered_columns(&self) -> String {
+        const SAMPLE: usize = 20;
+        let rows = self.table.first_rows(SAMPLE, 5 * SAMPLE);
+        let column = |place: usize| {
+            rows.iter()
+                .map(move |row| row.get(place).map_or("", String::as_str))
+        };
+        let width = rows.iter().map(Vec::len).max().unwrap_or(0);
+        let is_free = |place: &usize| !self.taken.contains(place);
+        let (numbers, texts): (Vec<usize>, Vec<usize>) = (0..width)
+            .filter(is_free)
+            .partition(|place| column(*place).all(is_numeric));
+        let is_name = |place: &&usize| {
+            let names: BTreeSet<&str> = column(**place).collect();
+            names.len() == rows.len() && !names.contains("")
+        };
+        let joints = (1..=self.n_joints).map(|joint| format!("q{joint}_deg"));
+        let axes = ["x_mm", "y_mm", "z_mm"].map(str::to_owned);
+        let (wanted, part): (Vec<String>, _) = match self.needs {
+            Needs::Joints => (joints.collect(), "robot"),
+            Needs::Positions => (axes.to_vec(), "instrument"),
+            Needs::Points => (joints.chain(axes).collect(), ""),
+        };
+        let wanted: Vec<&String> = wanted
+            .iter()
+            .filter(|means| !self.has(thing(means)))
+            .collect();
+        // With fewer numbers than needed the first columns stand for them.
+        let places = match numbers.len() >= wanted.len() {
+            true => numbers,
+            false => (0..wanted.len()).collect(),
+        };
+        let said = wanted.iter().zip(places);
+        let mut said: Vec<String> = said
+            .map(|(means, place)| format!("{means:?}: {}", place + 1))
+            .collect();
+        if let Some(name) = texts.iter().find(is_name).filter(|_| !part.is_empty()) {
+            said.push(format!("{part:?}: {{\"name\": {}}}", name + 1));
+        }
+        format!("{{{}}}", said.join(", "))
     }
 
     fn mapped(&mut self, mapping: &Mapping) {
@@ -128,6 +185,7 @@ impl Resolution<'_> {
             .map(|(place, (name, below))| (place, recognise(name, below)))
             .collect();
         let known = with_time_of_rtde(self.table, known);
+        let known = with_time_of_frames(self.table, known);
         let known = without_rotations(self.table, known);
         let known = without_groups_not_measured(self.table, known);
         if self.needs_joints() {
@@ -153,7 +211,8 @@ impl Resolution<'_> {
             }
             if let Known::Key(key) = known {
                 let means = key_name(*key);
-                if !self.has(thing(&means)) && !self.taken.contains(place) {
+                let is_wanted = key.is_label() || self.needs_positions();
+                if is_wanted && !self.has(thing(&means)) && !self.taken.contains(place) {
                     self.take(*place, means);
                 }
             }

@@ -2,7 +2,7 @@
 
 use crate::measurement::columns::mapping::Needs;
 use crate::measurement::columns::meaning::thing;
-use crate::measurement::columns::names::{Known, recognise};
+use crate::measurement::columns::names::{ANGLES, Known, LENGTHS, Unit, recognise, unit_alone};
 use crate::measurement::issue::Issue;
 use crate::measurement::table::resolution::Resolution;
 
@@ -15,9 +15,40 @@ pub fn missing_half(resolution: &Resolution) -> Option<Issue> {
     if (columns.proposed.iter()).any(|(means, _)| thing(means) == thing(missing)) {
         return None;
     }
-    let detail = other_half(resolution)?;
+    let detail = match unknown_unit(resolution) {
+        Some(detail) => detail,
+        None => other_half(resolution)?.to_owned(),
+    };
     let detail = format!("{detail}. The table has {}", resolution.table.names());
     Some(Issue::new("missing_column", detail).in_column(missing.clone()))
+}
+
+/// The refusal of columns whose unit is not known, such as `X [ft]`.
+fn unknown_unit(resolution: &Resolution) -> Option<String> {
+    let missing = |means: &str| {
+        let missing = resolution.columns.missing.iter();
+        missing.clone().any(|missing| thing(missing) == means)
+    };
+    let found = resolution.table.header.iter().find_map(|name| {
+        let (base, unit) = name
+            .trim()
+            .strip_suffix([']', ')'])?
+            .rsplit_once(['[', '('])?;
+        let what = match recognise(base, None) {
+            Known::Position(axis, Unit::Missing) if missing(["x", "y", "z"][axis]) => {
+                LENGTHS.map(|(name, _)| name).join(", ")
+            }
+            Known::Joint(number, Unit::Missing) if missing(&format!("q{number}")) => {
+                ANGLES.map(|(name, _)| name).join(", ")
+            }
+            _ => return None,
+        };
+        (unit_alone(unit).is_none() && !unit.trim().is_empty()).then_some((name, unit, what))
+    });
+    let (name, unit, known) = found?;
+    Some(format!(
+        "the unit {unit:?} of column {name} is not known; known are {known}: write the values in one of these"
+    ))
 }
 
 fn other_half(resolution: &Resolution) -> Option<&'static str> {

@@ -1,7 +1,7 @@
 //! Finds the header and the column separator of a table.
 
 use crate::measurement::columns::mapping::{Mapping, Separator};
-use crate::measurement::columns::names::{Known, LENGTHS, Unit, recognise, unit_alone};
+use crate::measurement::columns::names::{Known, LENGTHS, TimeUnit, Unit, recognise, unit_alone};
 use crate::measurement::issue::{ParseError, whole};
 use crate::measurement::table::lines::{Line, cells, comment_mark, is_numeric, lines};
 
@@ -280,6 +280,24 @@ pub fn stated_length_unit(above: &[Line]) -> Option<&'static str> {
             _ => None,
         }
     })
+}
+
+/// The rate in the second line of a file of Vicon: `Trajectories`, below it the frames per second, and a header with `Frame` and `Sub Frame`.
+pub fn stated_frame_rate(above: &[Line], header: &[String]) -> Option<TimeUnit> {
+    let has = |name: &str| {
+        header
+            .iter()
+            .any(|cell| cell.trim().eq_ignore_ascii_case(name))
+    };
+    let alone = |line: &Line| {
+        line.text
+            .trim()
+            .trim_end_matches([',', ';', '\t'])
+            .to_owned()
+    };
+    let (title, rate) = (alone(above.first()?), alone(above.get(1)?));
+    let is_title = title.starts_with(char::is_alphabetic);
+    (has("frame") && has("sub frame") && is_title).then(|| TimeUnit::of_rate(&rate))?
 }
 
 /// The row of units below the header, if there is one, and the number of lines above the data.

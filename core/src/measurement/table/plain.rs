@@ -22,7 +22,7 @@ pub fn named_plain(resolution: &mut Resolution, known: &[(usize, Known)]) {
     // If an instrument's file has only one label, it is the name of the point, whatever the column is called.
     let has_label = known
         .iter()
-        .any(|(_, known)| matches!(known, Known::Key(_)))
+        .any(|(_, known)| matches!(known, Known::Key(key) if key.is_label()))
         || ["name", "number", "time"]
             .iter()
             .any(|key| resolution.has(key));

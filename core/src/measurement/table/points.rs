@@ -4,6 +4,7 @@ use crate::measurement::columns::column::Column;
 use crate::measurement::columns::mapping::{Mapping, Separator};
 use crate::measurement::columns::meaning::{self, key};
 use crate::measurement::columns::pose::{PoseColumn, header_issues};
+use crate::measurement::columns::pose_names::rotation_columns;
 use crate::measurement::conventions::Decimal;
 use crate::measurement::csv::Reading;
 use crate::measurement::issue::{Issue, ParseError};
@@ -11,6 +12,7 @@ use crate::measurement::programs::Unread;
 use crate::measurement::rotation_convention::RotationConvention;
 use crate::measurement::set::Point;
 use crate::measurement::table::Table;
+use crate::measurement::table::checks::external_columns::moving_axis;
 use crate::measurement::table::checks::row_ends::Ends;
 use crate::measurement::table::columns::{Columns, Needs, Used, resolve};
 use crate::measurement::table::decimal_mark::decimal_mark;
@@ -47,6 +49,10 @@ pub struct Understood {
     pub reflectors: Vec<String>,
     /// Points of a robot's program that are not read.
     pub unread: Vec<Unread>,
+    /// The groups of points that are read, as the caller stated them; empty for all.
+    pub groups: Vec<String>,
+    /// Number of rows of other groups.
+    pub n_other_groups: usize,
 }
 
 /// The content of a table.
@@ -58,6 +64,8 @@ pub struct Content {
     pub lines: Vec<usize>,
     /// The join keys: for each column `name`, `number` or `time`, its meaning and its cells.
     pub keys: Vec<(String, Vec<String>)>,
+    /// The group of each point in an instrument's file; empty if it has none.
+    pub groups: Vec<String>,
     /// How the table was interpreted.
     pub understood: Understood,
 }
@@ -127,6 +135,7 @@ pub fn read(source: Source, options: &TableOptions) -> Result<Content, ParseErro
     }
     content.refused()?;
     understood.skipped_rows += content.n_skipped;
+    understood.n_other_groups = content.groups.n_other;
     understood.reflectors = content.reflectors;
     let mut points = content.points;
     for (point, line) in points.iter_mut().zip(&content.lines) {
@@ -143,6 +152,7 @@ pub fn read(source: Source, options: &TableOptions) -> Result<Content, ParseErro
         points,
         lines: content.lines,
         keys: content.keys,
+        groups: content.groups.of_rows,
         understood,
     })
 }
@@ -168,14 +178,45 @@ fn resolved(table: &Table, options: &TableOptions) -> Columns {
     if let Some(moving) = program.and_then(|program| program.moving_axis.clone()) {
         columns.issues = vec![Issue::new("external_axis_moves", moving)];
     }
+    if options.needs != Needs::Positions
+        && !options.mapping.is_complete
+        && columns.issues.is_empty()
+    {
+        let is_ignored = |place: usize| {
+            let ignored = options.mapping.ignore.iter();
+            let mut ignored = ignored.filter_map(|column| table.place(column).ok());
+            ignored.any(|one| one == place)
+        };
+        let is_free = |place: usize| {
+            !is_ignored(place) && columns.used.iter().all(|used| used.place != place)
+        };
+        let moving = moving_axis(table, is_free, options.n_joints);
+        columns.issues.extend(moving);
+    }
     if options.needs != Needs::Joints && columns.issues.is_empty() {
         let has = |name: &str| columns.used.iter().any(|used| used.means == name);
         let of_poses = header_issues(&has, options.rotation).into_iter();
         columns.issues = of_poses
             .map(|(column, code, detail)| Issue::new(code, detail).in_column(column))
             .collect();
+        if options.rotation.is_some() && !has("rx_deg") {
+            for issue in &mut columns.issues {
+                issue.detail = named_rotation(table).unwrap_or(issue.detail.clone());
+            }
+        }
     }
     columns
+}
+
+/// The refusal of a stated convention if the table has a rotation under other names.
+fn named_rotation(table: &Table) -> Option<String> {
+    let places = rotation_columns(&table.header)?;
+    let names = places.map(|place| table.reference(place));
+    Some(format!(
+        "a convention of rotations is stated, and no column is read as rx_deg, ry_deg and rz_deg: if it is these, say so in the column mapping: \
+         {{\"rx_deg\": {}, \"ry_deg\": {}, \"rz_deg\": {}}}, if they are in degrees",
+        names[0], names[1], names[2]
+    ))
 }
 
 /// Makes a preview of a table: its first rows and the meanings of its columns.
@@ -270,6 +311,7 @@ impl<'t> Parts<'t> {
             is_read_again: options.mapping.is_complete,
             has_positions: options.needs != Needs::Joints,
             are_targets: options.are_targets,
+            groups: options.mapping.groups.clone(),
         };
         Self { table, layout }
     }
@@ -300,7 +342,7 @@ impl<'t> Parts<'t> {
     ) -> Understood {
         let is_used = |used: &&Used| {
             self.layout.places.contains(&used.place)
-                || used.means == "name"
+                || matches!(used.means.as_str(), "name" | "group" | "collection")
                 || key(&used.means).is_some() && (options.needs != Needs::Points || used.is_mapped)
         };
         let used: Vec<Used> = columns.used.iter().filter(is_used).cloned().collect();
@@ -331,6 +373,11 @@ impl<'t> Parts<'t> {
                 .program
                 .as_ref()
                 .map_or(vec![], |program| program.unread.clone()),
+            groups: match options.needs {
+                Needs::Joints => vec![],
+                _ => options.mapping.groups.clone(),
+            },
+            n_other_groups: 0,
         }
     }
 }

@@ -1,13 +1,14 @@
 //! A table in a file: its header and its rows. Values are not interpreted here.
 
 use crate::measurement::columns::mapping::{ColumnRef, HeaderRow, Mapping, Separator, same_header};
-use crate::measurement::columns::names::Unit;
+use crate::measurement::columns::names::{TimeUnit, Unit};
 use crate::measurement::conventions::Decimal;
 use crate::measurement::issue::{ParseError, whole};
 use crate::measurement::programs::ProgramRows;
 use crate::measurement::table::endless_rows::refuse_endless_rows;
 use crate::measurement::table::header::{
-    found_header, separator_of_data, stated_header, stated_length_unit, units_below, unnamed,
+    found_header, separator_of_data, stated_frame_rate, stated_header, stated_length_unit,
+    units_below, unnamed,
 };
 use crate::measurement::table::lines::{
     Line, cells, comment_mark, declared_separator, is_numeric, lines, with_tabs,
@@ -40,6 +41,8 @@ pub struct Table<'a> {
     pub units: Option<Vec<Option<Unit>>>,
     /// The unit of lengths that a line above the header states, as in files of OptiTrack.
     pub length_unit: Option<&'static str>,
+    /// The frames per second that a line above the header states, as in files of Vicon.
+    pub frame_rate: Option<TimeUnit>,
     /// The row on which `text` begins.
     first_line: usize,
     line_numbers: LineNumbers,
@@ -155,6 +158,7 @@ impl<'a> Table<'a> {
         // A stated header may be below the lines in which headers are searched.
         let n_above = (header_line.unwrap_or(1) - 1).min(above.len());
         let length_unit = stated_length_unit(&above[..n_above]);
+        let frame_rate = stated_frame_rate(&above[..n_above], &names);
         let over = header_line.and_then(|line| lines(text).nth(line.checked_sub(2)?));
         let over = over.map_or(vec![], |line| cells(line.text, separator));
         let header_line = header_line.map(|row| rows.numbers.line_of_file(row));
@@ -183,6 +187,7 @@ impl<'a> Table<'a> {
             above: over,
             units,
             length_unit,
+            frame_rate,
             first_line: begins + 1,
             n_skipped_above,
             comments,

@@ -90,9 +90,28 @@ impl Resolution<'_> {
         }
     }
 
+    /// The refusal of a unit that the caller states for all columns, and that is not the one in a column's name.
+    fn contradiction(&self, name: &str, thing: &str, unit: Unit) -> Option<String> {
+        let (key, stated) = match thing.starts_with('q') {
+            true => ("joint_unit", self.mapping.joint_unit?),
+            false => ("position_unit", self.mapping.position_unit?),
+        };
+        let Unit::Is(own) = unit else { return None };
+        (own != stated).then(|| {
+            format!(
+                "column {name} is in {own} by its name, and {key} {stated} is stated, which is for columns without a unit: leave {key} out; or, if the name is wrong, \
+                 say of each column what it is instead, in the column mapping: {{\"{thing}_{stated}\": {name:?}}}"
+            )
+        })
+    }
+
     /// Uses a column for a quantity (`q1`, `x`, …), or adds an issue if something about the column is unclear.
     pub fn offer(&mut self, place: usize, thing: &str, unit: Unit, units: [&str; 2]) {
         let name = self.table.name(place);
+        let known_unit = match unit {
+            Unit::Is(unit) => unit,
+            _ => self.stated_unit(thing).unwrap_or(units[0]),
+        };
         let other = self
             .columns
             .used
@@ -105,16 +124,20 @@ impl Resolution<'_> {
             let detail = match self.table.name(other.place) {
                 same if same == name => format!(
                     "column {name} appears twice: say which by its number, counted from 1, in the column mapping: {{\"{thing}_{}\": {}}} (or {})",
-                    units[0],
+                    known_unit,
                     other.place + 1,
                     place + 1
                 ),
                 other => format!(
-                    "columns {other} and {name} may both be {thing}: say which in the column mapping: {{\"{thing}_{0}\": \"COLUMN\"}}",
-                    units[0]
+                    "columns {other} and {name} may both be {thing}: say which in the column mapping: {{\"{thing}_{known_unit}\": \"COLUMN\"}}"
                 ),
             };
             self.issue(Some(name), "duplicate_column", detail);
+            return;
+        }
+        if let Some(detail) = self.contradiction(&name, thing, unit) {
+            self.issue(Some(name), "two_readings", detail);
+            self.taken.insert(place);
             return;
         }
         let unit = match unit {
@@ -153,10 +176,15 @@ impl Resolution<'_> {
                 self.columns
                     .proposed
                     .push((format!("{thing}_{}", units[0]), place));
+                let is_told_twice = self.names()[place].1.is_some();
                 let detail = match thing.starts_with('q') {
+                    true if is_told_twice => format!(
+                        "column {name} has one unit in its name, and another in the row of units below it: correct the file; or, if you know which is right, say it of \
+                         all joints in the column mapping: {{\"joint_unit\": \"deg\"}} (or \"rad\")"
+                    ),
                     true => format!(
-                        "the unit of column {name} may be degrees (German: Grad) or gons (400 in a turn), or two units are named: say it {mapping} \
-                     (for gons: {thing}_gon), or of all joints: {{\"joint_unit\": \"deg\"}} (or \"gon\")"
+                        "the unit of column {name} may be degrees (German: Grad) or gons (400 in a turn): say it {mapping} \
+                         (for gons: {thing}_gon), or of all joints in the column mapping: {{\"joint_unit\": \"deg\"}} (or \"gon\")"
                     ),
                     false => format!(
                         "column {name} has one unit in its name, and another in the row of units below it: correct the file; or, if you know which is right, say it \

@@ -9,6 +9,9 @@ use crate::measurement::table::checks::configurations::unlike_poses;
 use crate::measurement::table::checks::flags::Flags;
 use crate::measurement::table::checks::names::Names;
 use crate::measurement::table::checks::no_measurements;
+use crate::measurement::table::checks::point_groups::{
+    PointGroups, point_in_group, several_groups,
+};
 use crate::measurement::table::checks::reflectors::reflectors;
 use crate::measurement::table::checks::row_ends::{Ends, RowEnds};
 use crate::measurement::table::checks::statistics::is_statistic;
@@ -47,6 +50,8 @@ pub struct Rows {
     flags: Flags,
     /// Names of points that mark invalid rows, or that show two tables side by side.
     names: Names,
+    /// The groups of the points, and which of them are read.
+    pub groups: PointGroups,
     /// For each point, the cell with its reflector.
     reflector_cells: Vec<String>,
     /// The names of the reflectors in the order of their numbers, if the file has names.
@@ -85,9 +90,33 @@ pub struct Layout {
     pub has_positions: bool,
     /// Whether the rows are targets of a program.
     pub are_targets: bool,
+    /// The groups of points to read; empty for all.
+    pub groups: Vec<String>,
 }
 
 impl Layout {
+    /// The groups of points of the rows. Only rows with positions have groups.
+    fn point_groups(&self) -> PointGroups {
+        let place = |means: &str| {
+            let column = self.keys.iter().find(|used| used.means == means);
+            column.map(|used| used.place)
+        };
+        let columns = [place("collection"), place("group")];
+        match self.has_positions {
+            true => PointGroups::new(
+                place("name"),
+                columns.into_iter().flatten().collect(),
+                self.groups.clone(),
+            ),
+            false => PointGroups::default(),
+        }
+    }
+
+    fn has_joints(&self) -> bool {
+        let is_joint = |column: &Column| matches!(column, Column::Joint(..));
+        self.columns.iter().any(is_joint)
+    }
+
     /// The unit of each coordinate in the file, mm.
     fn millimetres(&self) -> [f64; 3] {
         let factor = |axis: usize| {
@@ -143,6 +172,7 @@ impl Rows {
                 &read(|column| matches!(column, Column::Position(..))),
                 |place| !layout.ignored.contains(&place),
             ),
+            groups: layout.point_groups(),
             flags: Flags::new(table, !layout.has_positions, is_free),
             keys: keys.map(|used| (used.means.clone(), vec![])).collect(),
             with_unit: vec![UnitsOfCells::default(); layout.places.len()],
@@ -181,21 +211,26 @@ impl Rows {
         if layout.is_read_again {
             return;
         }
+        let unknown = self.groups.unknown();
+        let unknown = unknown.map(|detail| Issue::new("no_rows", detail));
+        self.issues.extend(unknown);
         self.refuse_summaries();
         let moved = self.ends.refused(table, &layout.ends);
         self.issues.extend(moved);
         self.refuse_some_units(layout);
+        if layout.has_positions && layout.has_joints() && self.issues.is_empty() {
+            self.refuse_several_groups(layout);
+        }
         if self.issues.is_empty() && !layout.are_targets {
             self.issues.extend(self.flags.refused(table));
             self.issues.extend(self.names.refused(table));
         }
         if layout.has_positions && self.issues.is_empty() {
-            let is_joint = |column: &Column| matches!(column, Column::Joint(..));
             let found = no_measurements(
                 &self.points,
                 &self.reflector_cells,
                 layout.millimetres(),
-                layout.columns.iter().any(is_joint),
+                layout.has_joints(),
             );
             // No row was refused before, so points and rows have the same indices.
             self.issues = found;
@@ -207,6 +242,24 @@ impl Rows {
             let found = unlike_poses(&self.points, &layout.names[place]);
             self.issues.extend(found);
         }
+    }
+
+    /// Refuses one point name under several groups. Of two files, only the names that are paired matter; the join looks at these.
+    fn refuse_several_groups(&mut self, layout: &Layout) {
+        let names = self.keys.iter().find(|(means, _)| means == "name");
+        let Some((_, names)) = names.filter(|_| layout.groups.len() < 2) else {
+            return;
+        };
+        let rows = names.iter().zip(&self.groups.of_rows).enumerate();
+        let named = rows.filter(|(_, (name, _))| !name.is_empty());
+        let named = named.map(|(row, (name, group))| {
+            let reflector = self.reflector_cells.get(row).map_or("", String::as_str);
+            let key = point_in_group(name, reflector, &self.points[row]);
+            (key, group.as_str())
+        });
+        let found = several_groups(named);
+        self.issues
+            .extend(found.map(|detail| Issue::new("two_readings", detail)));
     }
 
     /// Refuses rows with the name of a statistic before their numbers: if all other rows begin with a number, or if they are less than a
@@ -337,6 +390,9 @@ impl Rows {
                 return self.issues.len() < MAX_ISSUES;
             }
         };
+        if !self.groups.take(&row) {
+            return true;
+        }
         let index = self.n_rows;
         if index >= MAX_ROWS {
             self.issues.clear();

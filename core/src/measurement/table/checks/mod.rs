@@ -1,10 +1,12 @@
 //! Checks for rows that are no measurements, and for rows whose cells are shifted.
 
 pub mod configurations;
+pub mod external_columns;
 pub mod flags;
 mod group_statistics;
 pub mod names;
 mod not_measured;
+pub mod point_groups;
 pub mod reflectors;
 pub mod repeats;
 pub mod row_ends;

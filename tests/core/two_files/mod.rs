@@ -1,6 +1,9 @@
 //! The robot's file and the instrument's are joined to what was measured, or refused with what to state. The examples are written by us in the layouts
 //! of the makers (examples/tables).
 
+mod names;
+mod times;
+
 use kincal::measurement::Frame;
 use kincal::wire::Invalid;
 use kincal::wire::columns::ColumnsBody;
@@ -593,7 +596,8 @@ fn an_export_without_header_is_read_by_numbers_beside_a_robots_file_with_one() {
     assert_eq!(code, "no_header");
     assert!(
         detail.starts_with("instrument file")
-            && detail.contains("{\"x_mm\": 1,")
+            && detail
+                .contains("{\"x_mm\": 4, \"y_mm\": 5, \"z_mm\": 6, \"instrument\": {\"name\": 3}}")
             && !detail.contains("q1_deg"),
         "{detail}"
     );
