@@ -130,5 +130,5 @@ function download(points, name, label, { order, joints }) {
     const p = points[i];
     return [quoted(name(i)), quoted(label(i)), p.target, p.subset, p.outlier ? 1 : 0, ...joints ? joints[i] ?? joints[0].map(() => "") : [], ...p.position_mm ?? ["", "", ""], ...vectors.flatMap((stage) => [p[`${stage}_mm`], ...p[`${stage}_vector_mm`] ?? ["", "", ""]])].join(",");
   });
-  saveText(`${header.join(",")}\n${lines.join("\n")}\n`, "residuals.csv", "text/csv");
+  saveText(`${header.join(",")}\n${lines.join("\n")}\n`, lines.length < points.length ? `residuals-${lines.length}-rows.csv` : "residuals.csv", "text/csv");
 }

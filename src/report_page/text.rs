@@ -126,6 +126,10 @@ pub fn readable(sentence: &str) -> String {
             _ => whole.to_owned(),
         }
     };
+    // a figure of the report that a warning names stands beside it on the page
+    let sentence = [" (flange_rotation_std_deg)", ": flange_rotation_std_deg"]
+        .iter()
+        .fold(sentence.to_owned(), |text, name| text.replace(name, ""));
     let words: Vec<String> = sentence.split(' ').map(word).collect();
     let mut text = words.join(" ");
     while let Some(at) = text.find(" σ)") {
