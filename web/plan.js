@@ -106,7 +106,7 @@ function withoutLimits({ links }) {
   const open = links.map((link, i) => [link, i + 1]).filter(([link]) => !link.joint_limits_deg).map(([, number]) => number);
   if (open.length === 0) return false;
   const joints = open.length === 1 ? `Joint ${open[0]} has` : `Joints ${open.slice(0, -1).join(", ")} and ${open.at(-1)} have`;
-  return el("div.warning", {}, el("p", {}, el("strong", {}, `${joints} no stated limits. `), `The plan takes ${WITHOUT_LIMITS.map((limit) => fixed(limit, 0)).join("° to ")}° for ${open.length === 1 ? "it" : "each of them"}: check that the robot can go there. Poses beyond that range are not planned before the robot's limits are stated (on its page, under Name, joint limits).`));
+  return el("div.warning", {}, el("p", {}, el("strong", {}, `${joints} no stated limits. `), `The plan takes ${WITHOUT_LIMITS.map((limit) => fixed(limit, 0)).join("° to ")}° for ${open.length === 1 ? "it" : "each of them"}: check that the robot can go there. Poses beyond that range are not planned before the robot's limits are stated (on its page, under Name, mounting, joint limits).`));
 }
 
 /** A square at a height, as wide as the arm reaches. */

@@ -323,8 +323,8 @@ function parameterTable(report) {
   for (const r of rows) scales.set(kind(r), Math.max(scales.get(kind(r)) ?? 1e-9, Math.abs(r.delta) + 2 * (r.std_uncertainty ?? 0)));
   const unit = (row) => (row.unit === "deg" ? "°" : row.unit);
   const columns = [
-    ["Parameter", (r) => el("span.symbol", {}, parameter(r.name))],
-    ["Unit", unit], ["Nominal", (r) => (r.link ? fixed(r.nominal) : [fixed(r.nominal), el("small.quiet", {}, "start value")]), "n"], ["Identified", (r) => fixed(r.identified), "n"], ["Change", (r) => signed(r.delta, 4), "n"],
+    ["Parameter", (r) => (r.link ? el("span.symbol", {}, parameter(r.name)) : parameter(r.name))],
+    ["Unit", unit], ["Nominal", (r) => (r.link ? fixed(r.nominal) : [fixed(r.nominal), el("small.quiet.start", {}, "start value")]), "n"], ["Identified", (r) => fixed(r.identified), "n"], ["Change", (r) => signed(r.delta, 4), "n"],
     ["± std", (r) => (!r.identifiable ? "not seen alone" : r.std_uncertainty === null ? "–" : number(r.std_uncertainty, 2)), "n"],
     ["Change ± 2 std", (r) => interval(r, scales.get(kind(r)))],
   ];

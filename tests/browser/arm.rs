@@ -314,6 +314,11 @@ fn after_another_session_the_release_is_next_and_a_stray_row_of_two_files_can_be
     });
 }
 
+/// What is pressed outside of a sentence and is less than 24 px high.
+const SMALL: &str = "return [...document.querySelectorAll('main a, main button, main input, main select, main summary')] \
+    .filter((e) => e.checkVisibility() && !e.closest('p, li, .docs') && !['checkbox', 'radio'].includes(e.type)) \
+    .filter((e) => e.getBoundingClientRect().height < 23.5).map((e) => e.outerHTML.slice(0, 120))";
+
 #[test]
 fn no_page_scrolls_sideways_on_a_desk_a_tablet_or_a_phone() {
     let Some(driver) = Driver::start() else {
@@ -351,6 +356,8 @@ fn no_page_scrolls_sideways_on_a_desk_a_tablet_or_a_phone() {
                     "{page} at {}: {wide} px too wide",
                     size.0
                 );
+                let small = browser.run(SMALL).await;
+                assert_eq!(small, json!([]), "{page} at {}", size.0);
                 assert_eq!(
                     browser.accessibility().await,
                     Vec::<String>::new(),
