@@ -13,11 +13,20 @@ use crate::wire::report_shape::Report;
 use maud::{Markup, html};
 use std::collections::BTreeMap;
 
-/// Says that the set was withdrawn: when, by whom and why. The style sheet repeats it at the top of each printed page.
+/// The set, if it was withdrawn.
+fn withdrawn_set<'a>(sources: &Sources<'a>) -> Option<&'a ParameterSetAnswer> {
+    let is_withdrawn = |set: &&ParameterSetAnswer| set.status == ParameterSetStatus::Withdrawn;
+    sources.parameter_set.filter(is_withdrawn)
+}
+
+/// Whether the set was withdrawn. The style sheet says so at the top of each printed page.
+pub fn is_withdrawn(sources: &Sources<'_>) -> bool {
+    withdrawn_set(sources).is_some()
+}
+
+/// Says that the set was withdrawn: when, by whom and why.
 pub fn withdrawn(sources: &Sources<'_>) -> Markup {
-    let set = sources
-        .parameter_set
-        .filter(|set| set.status == ParameterSetStatus::Withdrawn);
+    let set = withdrawn_set(sources);
     html! {
         @if let Some(set) = set {
             p.withdrawn { strong { "WITHDRAWN" } " " (withdrawal(set)) " Do not use these parameters." }

@@ -45,7 +45,7 @@ pub fn html(sources: &Sources<'_>) -> String {
                 title { (sources.title()) }
                 style { (PreEscaped(STYLE)) }
             }
-            body { (body(sources)) }
+            body.of-withdrawn[conformity::is_withdrawn(sources)] { (body(sources)) }
         }
     };
     page.into_string()

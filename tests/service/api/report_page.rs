@@ -244,7 +244,7 @@ async fn the_page_has_corrections_with_their_standard_errors_repeatability_and_w
     let (page, _) = page(&app, &job).await;
     let row = between(
         between(&page, "Known beforehand", "</section>"),
-        "<th>a_3</th>",
+        "<th>a₃</th>",
         "</tr>",
     );
     assert!(
