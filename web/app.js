@@ -46,8 +46,11 @@ function keep(choices) {
   history.replaceState(history.state, "", `${path || "#/"}${query.size > 0 ? `?${query}` : ""}`);
 }
 
-/** What is missing where somebody may not do something: a page without a button explains nothing. */
-const why = (scope, what) => el("p.locked", {}, `With this key you cannot ${what}: that takes the scope ${scope}. Whoever runs the server makes such a key with `, el("code", {}, `kincal key create --name NAME --scope read --scope ${scope}`), ".");
+/** What is missing where somebody may not do something: a page without a button explains nothing. The key that is recommended may all that this one may, too. */
+function why(scope, what) {
+  const all = [...new Set([...me.scopes, scope])].map((one) => [" ", el("span", {}, `--scope ${one}`)]);
+  return el("p.locked", {}, `With this key you cannot ${what}: that takes the scope ${scope}. Whoever runs the server makes such a key with `, el("code", {}, "kincal key create --name NAME", all), ".");
+}
 
 /** Begins the entry of a page in the history, and answers where the page was scrolled to: a new one opens at its top, Back and Forward return. */
 function beginEntry() {
@@ -134,7 +137,11 @@ function signIn(error) {
 }
 
 history.scrollRestoration = "manual";
-window.addEventListener("hashchange", () => show(true));
+window.addEventListener("hashchange", () => {
+  // a notice is about the page that is left
+  fill(document.getElementById("said"));
+  show(true);
+});
 // Another tab signed in or out.
 window.addEventListener("storage", (event) => {
   if (event.key !== "kincal-signed-in") return;

@@ -1,13 +1,14 @@
 // The arm with what was measured: positions, error arrows and the posture of the point that is selected.
 
 import { el, fill } from "./dom.js";
-import { capital, fixed, mm, SMALLEST_MM } from "./format.js";
-import { apply, axisX, framesOf, origin, poseOf, reachOf, restOf, turn } from "./kinematics.js";
+import { capital, count, fixed, mm, SMALLEST_MM } from "./format.js";
+import { apply, axisX, framesOf, origin, poseOf, randomNumbers, reachOf, restOf, turn } from "./kinematics.js";
 import { VIEWS, view } from "./scene.js";
 import { arm, ground } from "./solids.js";
 
-/** More arrows than this hide each other. Of each group of neighbours the one with the largest error is drawn. */
+/** More arrows than this hide each other: an even sample is drawn, and the few points with the largest errors. */
 const MAX_DRAWN = 2000;
+const WORST_DRAWN = 20;
 /** The longest arrow, as a share of the scene. */
 const LONGEST = 0.13;
 /** The scale ends at this quantile of the errors, or at so many times their median where a few are far off; what is above it has its last colour. */
@@ -176,13 +177,17 @@ function scaleOf(points, placed, stages, state, size) {
   return { drawn, share, top: longest, factor: Math.max(1, base * ([5, 2, 1].find((m) => m * base <= raw) ?? 1)) };
 }
 
-function thinned(points, placed, share, stage) {
+/** One point of each group of neighbours, whatever its error, and the points with the largest errors. */
+export function thinned(points, placed, share, stage) {
   const drawn = new Array(points.length).fill(null);
+  // a place by chance in each group: poses may repeat in step with the groups
+  const random = randomNumbers();
   for (let from = 0; from < points.length; from += share) {
-    let best = from;
-    for (let i = from; i < Math.min(points.length, from + share); i += 1) if ((points[i].errors?.[stage] ?? 0) > (points[best].errors?.[stage] ?? 0)) best = i;
-    drawn[best] = placed[best];
+    const i = from + Math.floor(random() * Math.min(share, points.length - from));
+    drawn[i] = placed[i];
   }
+  const error = (i) => points[i].errors?.[stage] ?? 0;
+  for (const i of points.map((_, k) => k).sort((a, b) => error(b) - error(a)).slice(0, WORST_DRAWN)) drawn[i] = placed[i];
   return drawn;
 }
 
@@ -196,7 +201,7 @@ function legendOf({ stage, top }) {
 
 function arrowsSaid({ stage, factor, share, drawn }, n, stages, said = "Each arrow goes from where the robot was believed to be to where it was measured,") {
   if (!stage || said === null) return "";
-  const some = share > 1 ? ` Of every ${share} neighbouring points only the one with the largest error ${stages.find(([name]) => name === stage).at(-1)} is drawn: ${drawn.filter(Boolean).length.toLocaleString("en-GB")} of ${n.toLocaleString("en-GB")}.` : "";
+  const some = share > 1 ? ` Drawn are an even sample, one of every ${share} points, and the ${WORST_DRAWN} points with the largest errors ${stages.find(([name]) => name === stage).at(-1)}: ${count(drawn.filter(Boolean).length)} of ${count(n)}.` : "";
   return `${said} ${factor.toLocaleString("en-GB")} times as long.${some}`;
 }
 
@@ -220,6 +225,9 @@ const liftedPose = (up, t) => {
   return [x[0], y[0], z[0], p[0], x[1], y[1], z[1], p[1], x[2], y[2], z[2], p[2]];
 };
 
+/** In front of everything else: the picked point is never hidden. */
+const NEAREST = 1e9;
+
 function drawPoints(pen, { up, points, placed, state, chosen }) {
   const colours = LEVELS.map((name) => pen.colour(name));
   const plain = pen.colour("--accent");
@@ -229,14 +237,14 @@ function drawPoints(pen, { up, points, placed, state, chosen }) {
     const colour = state.stage ? colours[level(points[i].errors[state.stage] ?? 0, state.top)] : plain;
     if (vector) {
       const v = turn(up, vector);
-      pen.arrow(at.map((c, k) => c - state.factor * v[k]), at, colour, strong ? 3 : 1.6);
+      pen.arrow(at.map((c, k) => c - state.factor * v[k]), at, colour, strong ? 3 : 1.6, strong ? NEAREST : 0);
     }
-    pen.dot(at, colour, vector ? small * 0.8 : small + 0.6);
+    pen.dot(at, colour, vector ? small * 0.8 : small + 0.6, { nearer: strong ? NEAREST : 0 });
   };
   state.drawn.forEach((at, i) => at && i !== chosen && one(at, i, false));
   if (chosen === null || !placed[chosen]) return;
   one(placed[chosen], chosen, true);
-  pen.dot(placed[chosen], null, 9, { ring: pen.colour("--ink"), nearer: 1e9 });
+  pen.dot(placed[chosen], null, 9, { ring: pen.colour("--ink"), nearer: NEAREST });
 }
 
 function cuboid(pen, { min_mm: a, max_mm: b }, up, colour) {

@@ -1,7 +1,7 @@
 // Charts in SVG: scales, axes and frames. What is drawn in them is in figures.js.
 
 import { el, fill, svg } from "./dom.js";
-import { number, powerOfTen } from "./format.js";
+import { number, powerOfTen, when } from "./format.js";
 
 /** A figure with a heading and a sentence that says what it shows; `draw(width)` gives its SVG children for that width. */
 export function figure(title, caption, height, draw, ...extras) {
@@ -109,16 +109,24 @@ const [SECOND, DAY] = [1000, 86_400_000];
 /** Steps of a time axis. */
 const STEPS = [1, 2, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200, 21_600, 43_200].map((s) => s * SECOND).concat([1, 2, 7, 14, 30, 91, 182, 365, 730, 1826].map((d) => d * DAY));
 
-/** A real time axis between two instants, ms, with marks at whole steps of local time. */
+/** A time axis for one instant alone: its only mark says date and time. */
+export function oneInstant(at) {
+  return { min: at - SECOND, max: at + SECOND, ticks: [at], format: (v) => when(v) };
+}
+
+const isMidnight = (v) => { const t = new Date(v); return t.getHours() + t.getMinutes() + t.getSeconds() === 0; };
+
+/** A real time axis between two instants, ms, with marks at whole steps of local time. Where the marks tell hours, that of a midnight tells the date. */
 export function timeAxis(min, max) {
   const step = STEPS.find((s) => (max - min) / s <= 5) ?? STEPS.at(-1);
   const shift = new Date(min).getTimezoneOffset() * 60 * SECOND;
   const marks = [];
   for (let at = Math.ceil((min - shift) / step) * step + shift; at <= max; at += step) marks.push(at);
-  const how = step < 60 * SECOND ? { hour: "2-digit", minute: "2-digit", second: "2-digit" } : step < DAY ? { hour: "2-digit", minute: "2-digit" } : step < 60 * DAY ? { day: "numeric", month: "short" } : { month: "short", year: "numeric" };
-  // the day is said where the marks tell the hour only
-  const label = step < DAY ? new Date((min + max) / 2).toLocaleDateString("en-GB", { day: "numeric", month: "short", year: "numeric" }) : undefined;
-  return { min, max, ticks: marks, label, format: (v) => new Date(v).toLocaleString("en-GB", how) };
+  const date = { day: "numeric", month: "short" };
+  const how = step < 60 * SECOND ? { hour: "2-digit", minute: "2-digit", second: "2-digit" } : step < DAY ? { hour: "2-digit", minute: "2-digit" } : step < 60 * DAY ? date : { month: "short", year: "numeric" };
+  // where the marks tell the hour only, the first day is said beside the axis
+  const label = step < DAY ? `from ${new Date(min).toLocaleDateString("en-GB", { ...date, year: "numeric" })}` : undefined;
+  return { min, max, ticks: marks, label, format: (v) => new Date(v).toLocaleString("en-GB", step < DAY && isMidnight(v) ? date : how) };
 }
 
 /** Both axes with grid lines; gives the pixel functions and the nodes. */

@@ -126,7 +126,7 @@ export async function askColumns(robot, { body, type, stated: choices = {} }, de
   fill(out, el("form.columns", { submit },
     el("h3", {}, "Say once what the columns are"),
     el("p.note", {}, "Nothing was stored yet. Choose a meaning above each column; what is proposed may be wrong."),
-    preview.errors.length > 0 && el("ul", {}, remarks(preview.errors).slice(0, 12).map((text) => el("li", {}, text))),
+    preview.errors.length > 0 && el("ul", {}, remarks(preview.errors).map((text) => el("li", {}, text))),
     asked.map(({ node }) => node),
     by && el("div", {}, el("label", { for: "columns-join" }, "Rows of the two files belong together by"), by),
     clockField,

@@ -3,21 +3,22 @@
 import { get, list } from "./api.js";
 import { armFigure, jointFacts, pointFacts } from "./arm.js";
 import { el, fill, problem, table } from "./dom.js";
-import { fixed, mm, number, parameter, signed, when } from "./format.js";
+import { chance, fixed, mm, number, parameter, signed, unitOf } from "./format.js";
 import { facts } from "./robots.js";
 import { selection } from "./selection.js";
+import { setNames } from "./sessions.js";
 
 /** Probability of calling an unchanged robot changed, as in the service's test. */
 const FALSE_ALARMS = 0.01;
 
 /** The page. */
 export async function comparePage({ main, signal }, id) {
-  const [robot, sets] = await Promise.all([get(`/v1/robots/${id}`, signal), list(`/v1/robots/${id}/parameter-sets`, 100, signal)]);
+  const [robot, sets, nameOf] = await Promise.all([get(`/v1/robots/${id}`, signal), list(`/v1/robots/${id}/parameter-sets`, 100, signal), setNames({ id }, signal)]);
   document.title = `kincal: compare parameter sets of ${robot.name}`;
   const top = [el("p.crumbs", {}, el("a", { href: "#/" }, "Robots"), " / ", el("a", { href: `#/robots/${id}` }, robot.name)), el("h1", {}, "Compare parameter sets")];
   if (sets.length < 2) return fill(main, top, el("p.empty", {}, "There are not yet two parameter sets to compare."));
   const pick = (name, label, chosen) => {
-    const select = el("select", { id: name, change: draw }, sets.map((set) => el("option", { value: set.id, selected: set.id === chosen }, `${when(set.created_at)}, ${set.status === "released" ? "active set" : set.status}`)));
+    const select = el("select", { id: name, change: draw }, sets.map((set) => el("option", { value: set.id, selected: set.id === chosen }, nameOf(set))));
     return [select, el("div", {}, el("label", { for: name }, label), select)];
   };
   const active = sets.find((set) => set.status === "released") ?? sets[1];
@@ -49,10 +50,9 @@ async function frameOf({ job_id: id }, signal) {
 function changes(changed, isOwnFrame) {
   const isBase = ({ name }) => isOwnFrame && name.startsWith("base_");
   const [base, others] = [changed.filter(isBase), changed.filter((c) => !isBase(c))];
-  const unit = ({ name }) => (/^base_r/.test(name) ? "°" : " mm");
   return el("section.card", {}, el("h2", {}, "What changed"),
-    base.length > 0 && el("p.note", {}, `The instrument stood elsewhere: ${base.map((c) => `${parameter(c.name)} ${signed(c.delta, 2)}${unit(c)}`).join(", ")}. Measured in the instrument's own frame, a base says only that: it is no change of the robot.`),
-    el("div.narrow", {}, table("The first set minus the second, mm or °.", [["Parameter", (c) => parameter(c.name)], ["Change", (c) => signed(c.delta, 5), "n"], ["In units of its uncertainty", (c) => number(c.sigmas), "n"]], others, "Nothing else beyond chance.")));
+    base.length > 0 && el("p.note", {}, `The instrument stood elsewhere: ${base.map((c) => `${parameter(c.name)} ${signed(c.delta, 2)} ${unitOf(c.name)}`).join(", ")}. Measured in the instrument's own frame, a base says only that: it is no change of the robot.`),
+    el("div.narrow", {}, table("The first set minus the second.", [["Parameter", (c) => parameter(c.name)], ["Unit", (c) => unitOf(c.name)], ["Change", (c) => signed(c.delta, 5), "n"], ["In units of its uncertainty", (c) => number(c.sigmas), "n"]], others, "Nothing else beyond chance.")));
 }
 
 /** A smaller difference is rounding, mm. */
@@ -68,6 +68,6 @@ function drawn(robot, found, isOwnFrame) {
     describe: (i) => pointFacts(`Configuration ${i + 1}`, [["Difference", mm(points[i].errors.difference)], ["x, y, z, mm", found.map[i].difference_mm.map((v) => fixed(v, 3)).join(", ")], jointFacts(found.map[i].q_deg)]),
     actions: () => el("div.actions", {}, el("button", { type: "button", click: () => selected.step(-1) }, "Previous"), el("button", { type: "button", click: () => selected.step(1) }, "Next")) });
   const { sessions } = found;
-  const said = !sessions ? ["cannot be said", "both sets are of one upload, or a session is too small"] : sessions.probability < FALSE_ALARMS ? ["changed", `probability of this by chance: ${number(sessions.probability, 2)}`] : ["not beyond chance", `probability of this by chance: ${number(sessions.probability, 2)}`];
+  const said = !sessions ? ["cannot be said", "both sets are of one upload, or a session is too small"] : sessions.probability < FALSE_ALARMS ? ["changed", `probability of this by chance: ${chance(sessions.probability)}`] : ["not beyond chance", `probability of this by chance: ${chance(sessions.probability)}`];
   return [facts([["Difference at the tool", mm(found.mean_mm), `on average; at most ${mm(found.max_mm)}`], ["The robot", ...said]]), cell.node, sessions?.changed?.length > 0 && changes(sessions.changed, isOwnFrame)];
 }

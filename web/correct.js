@@ -3,25 +3,26 @@
 import { get, list, post } from "./api.js";
 import { cellCard, cellOf } from "./cell.js";
 import { el, fill, problem, say, table, warning } from "./dom.js";
-import { capital, error, fixed, mm, signed, when } from "./format.js";
+import { capital, error, fixed, mm, signed } from "./format.js";
 import { best, state } from "./history.js";
 import { facts } from "./robots.js";
 import { conventionChoice } from "./rotations.js";
 import { saveBytes } from "./save.js";
-import { foundAgainst } from "./verdicts.js";
+import { setNames } from "./sessions.js";
+import { asksToLook, foundAgainst } from "./verdicts.js";
 
 /** Targets that are listed on the page. */
 const SHOWN = 40;
 
 /** The page. */
 export async function correctPage({ main, signal, may, query }, id) {
-  const [robot, sets, measured, cell] = await Promise.all([get(`/v1/robots/${id}`, signal), list(`/v1/robots/${id}/parameter-sets`, 50, signal), list(`/v1/robots/${id}/measurement-sets`, 50, signal), cellOf(id, signal)]);
+  const [robot, sets, measured, cell, nameOf] = await Promise.all([get(`/v1/robots/${id}`, signal), list(`/v1/robots/${id}/parameter-sets`, 50, signal), list(`/v1/robots/${id}/measurement-sets`, 50, signal), cellOf(id, signal), setNames({ id }, signal)]);
   document.title = `kincal: correct a program of ${robot.name}`;
   const usable = sets.filter((set) => set.status !== "withdrawn");
   const doubtOf = await doubts(robot, signal);
   const out = el("div", { "aria-live": "polite", tabindex: -1 });
   const place = el("div", {});
-  const { node, offer } = form(robot, usable, doubtOf, out);
+  const { node, offer } = form(robot, usable, nameOf, doubtOf, out);
   const draw = (of) => {
     offer(of);
     fill(place, cellCard(robot, of, measured, may, changed));
@@ -44,13 +45,13 @@ export async function correctPage({ main, signal, may, query }, id) {
 }
 
 /** The form, and a function that offers the cell's work frames and tools in it. */
-function form(robot, sets, doubtOf, out) {
+function form(robot, sets, nameOf, doubtOf, out) {
   const pick = (name, label, options) => {
     const select = el("select", { id: name }, options.map(([value, words]) => el("option", { value }, words)));
     return [select, el("div", {}, el("label", { for: name }, label), select)];
   };
-  const set = el("select", { id: "correct-set" }, setOptions(sets));
-  const setField = el("div", {}, el("label", { for: "correct-set" }, "Parameters, identified"), set);
+  const set = el("select", { id: "correct-set" }, setOptions(sets, nameOf));
+  const setField = el("div", {}, el("label", { for: "correct-set" }, "Parameter set"), set);
   const chosen = () => sets.find((one) => one.id === set.value);
   const doubted = el("div", {});
   const showDoubt = () => fill(doubted, chosen() && doubtWarning(doubtOf(chosen())));
@@ -103,7 +104,7 @@ function form(robot, sets, doubtOf, out) {
       const stated = new URLSearchParams([["mode", mode.value], ["frame", frame.value], ...named.value ? [["tool_name", named.value]] : [], ...typed, ...rotation.value ? [["rotation", rotation.value]] : [], ...unit ? [["columns", JSON.stringify({ joint_unit: unit })]] : []]);
       const answer = await post(`/v1/parameter-sets/${set.value}/compensate-program?${stated}`, program, "text/csv");
       const posesIn = frame.value === "measuring" ? "robot's base frame, which the controller knows" : frame.selectedOptions[0].textContent;
-      fill(out, corrected(answer, { name: program.name, posesIn, set: chosen(), doubt: doubtOf(chosen()) }));
+      fill(out, corrected(answer, { name: program.name, posesIn, set: chosen(), doubt: doubtOf(chosen()), hasTool: named.value !== "" || typed.length > 0 }));
       // the question for the unit is gone
       if (unit) out.focus();
     } catch (error) {
@@ -123,10 +124,10 @@ function form(robot, sets, doubtOf, out) {
 }
 
 /** The active set first; every other one is in a group of its own, because no cell should run with it. */
-function setOptions(sets) {
-  const option = (set, words) => el("option", { value: set.id }, `${words}, ${when(set.created_at)}`);
+function setOptions(sets, nameOf) {
+  const option = (set) => el("option", { value: set.id }, nameOf(set));
   const [active, others] = [sets.filter(isActive), sets.filter((set) => !isActive(set))];
-  return [active.map((set) => option(set, "active set")), others.length > 0 && el("optgroup", { label: "not released, for trial only" }, others.map((set) => option(set, set.status)))];
+  return [active.map(option), others.length > 0 && el("optgroup", { label: "not released, for trial only" }, others.map(option))];
 }
 
 const isActive = (set) => set.status === "released";
@@ -134,6 +135,7 @@ const isActive = (set) => set.status === "released";
 /** A function that says what speaks against correcting with a set: {why, rms, job}, `rms` null where no session says how far off it is; null where nothing does. */
 async function doubts(robot, signal) {
   const [{ sessions, since }, { tolerance_mm: tolerance }] = await Promise.all([state(robot, signal), get(`/v1/robots/${robot.id}/policy`, signal)]);
+  const asking = robot.state === "check_robot" && robot.check_job_id && (await get(`/v1/jobs/${robot.check_job_id}`, signal));
   const newer = since && (await get(`/v1/jobs/${since.job_id}/report`, signal));
   const hasChanged = newer?.warnings.some(({ code }) => code === "robot_changed");
   return (set) => {
@@ -141,7 +143,7 @@ async function doubts(robot, signal) {
     const { after, n_points: n } = newest ? best(newest.report) : {};
     const found = newest && (foundAgainst(newest.report) ?? (tolerance && tolerance < after.rms_mm && `beyond the robot's tolerance of ${mm(tolerance)}`));
     if (found) return { why: `The newest session speaks against these parameters: ${found}. With them the robot missed its ${n} points by ${mm(after.rms_mm)} rms, at most ${mm(after.max_mm)}.`, rms: newest.report.evidence === "none" ? null : after.rms_mm, job: newest.job.id };
-    if (robot.state === "check_robot") return { why: "A session does not fit this robot, and nobody has said why.", rms: null, job: robot.check_job_id };
+    if (robot.state === "check_robot") return { why: `${asksToLook(asking).sentence}. Nobody has marked the robot as checked.`, rms: null, job: robot.check_job_id };
     return hasChanged && set.created_at < since.created_at ? { why: "A newer calibration found that the robot has changed since these parameters were identified.", rms: null, job: since.job_id } : null;
   };
 }
@@ -190,7 +192,7 @@ const toLookAt = (answer) => answer.status.map((status, i) => [!FINE.includes(st
 /** The error that is left by the identified robot, with how well that robot is known: the first alone says nothing of the real tool. */
 const left = (mm, std) => `${error(mm)} ± ${std === undefined ? "?" : error(std)}`;
 
-function corrected(program, { name, posesIn, set, doubt }) {
+function corrected(program, { name, posesIn, set, doubt, hasTool }) {
   const { position_std_mm: known, ...found } = program.corrected;
   // what the fit alone says of its uncertainty holds no longer: the newest session says more
   const std = !doubt ? known : doubt.rms === null ? [] : found.status.map((_, i) => Math.max(known?.[i] ?? 0, doubt.rms));
@@ -209,7 +211,7 @@ function corrected(program, { name, posesIn, set, doubt }) {
   const frame = `in the ${answer.frame === "measuring" ? "measuring" : "robot's base"} frame`;
   return [doubtWarning(doubt), trialOnly(set), facts([["Targets", q.length], ["Largest error before", mm(worst(answer.position_error_before_mm))],
     doubt?.rms === null ? ["Largest error after", "not known", "the fit's own figure holds no longer: see the warning above"] : ["Largest error after", `${left(answer.position_error_after_mm[last], answer.position_std_mm[last])} mm`, `by the identified robot, ${frame}; ± ${answer.position_std_mm.length === 0 ? "is not known for these parameters" : doubt ? "the error of the newest session, or its standard uncertainty there where that is larger" : "its standard uncertainty there"}`],
-    answer.position_std_mm.length > 0 && ["Known to", mm(worst(answer.position_std_mm)), doubt && worst(answer.position_std_mm) === doubt.rms ? "the error of the newest session, rms" : `standard uncertainty of the tool's position at the least certain target${doubt ? `; the newest session missed by ${mm(doubt.rms)} rms` : ""}`],
+    answer.position_std_mm.length > 0 && ["Known to", mm(worst(answer.position_std_mm)), doubt && worst(answer.position_std_mm) === doubt.rms ? "the error of the newest session, rms" : `standard uncertainty at the least certain target${hasTool ? ", for the tool that was stated" : "; it contains the reflector's place on the nominal flange: to state the tool's centre point changes it"}${doubt ? `; the newest session missed by ${mm(doubt.rms)} rms` : ""}`],
     ["To look at", odd.length, odd.length > 0 ? counted(remarks) : doubt ? "computed for all targets; see the warning above" : "all targets are corrected"], outside > 0 && ["Outside of what was measured", outside, "there the corrections fade to the links alone"]]),
   (answer.warnings ?? []).map(({ rows = [], ...said }) => warning({ ...said, detail: rows.length > 0 ? `${said.detail} (${linesNamed(rows, lines)})` : said.detail })),
   program.left_columns.length > 0 && el("div.warning", {}, el("p", {}, el("strong", {}, "Poses beside the joint values stay as they are. "), `${program.left_columns.join(", ")} are the poses of the joint values before the correction: do not run the program by them.`)),

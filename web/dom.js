@@ -98,7 +98,7 @@ let saying;
 
 /** A problem as the service tells it: its sentence, and every single reason. */
 export function problem(error) {
-  const reasons = (error.errors ?? []).filter((issue) => issue.detail !== error.detail).map((issue) => el("li", {}, capital(plain(issue.detail))));
+  const reasons = (error.errors ?? []).filter((issue) => !String(error.detail ?? "").endsWith(issue.detail)).map((issue) => el("li", {}, capital(plain(issue.detail))));
   return el("div.problem", { role: "alert" }, el("p", {}, el("strong", {}, WARNINGS[error.code] ?? error.title ?? "It did not work"), ". ", plain(error.detail ?? String(error.message ?? error))),
     reasons.length > 0 && el("ul", {}, reasons));
 }

@@ -22,7 +22,7 @@ function median(values) {
 /** Convergence of the cost. */
 export function convergence(curve, note) {
   const { iteration, best_cost_mm2: cost } = curve;
-  const caption = note ?? `The cost F, the sum of the squared position errors on the identify points, from ${number(cost[0])} to ${number(cost.at(-1))} mm² in ${iteration.at(-1)} iterations.`;
+  const caption = note ?? `The cost F, the sum of the squared position errors on the identify points, on a logarithmic axis, from ${number(cost[0])} to ${number(cost.at(-1))} mm² in ${iteration.at(-1)} iterations.`;
   let told = [];
   const chart = figure("Convergence", caption, 250, (width, height) => {
     const frame = axes(width, height, { min: 0, max: Math.max(1, curve.limit ?? iteration.at(-1)), label: "iteration" }, { ...range(cost, { log: true }), label: "F, mm²" });
@@ -40,7 +40,7 @@ const seen = (value) => Math.max(value, SMALLEST_MM);
 export function histogram(points, names) {
   const log = spansMuch(points);
   const [before, after] = [points.map((p) => p.before_mm), points.map((p) => p.after_mm)];
-  const caption = `Number of points by size of their error, all ${count(points.length)} points${log ? "; each step to the right is ten times as much" : ""}. Half of them are below ${mm(median(before))} ${names.before} and ${mm(median(after))} ${names.after}.`;
+  const caption = `Number of points by size of their error, all ${count(points.length)} points${log ? " on a logarithmic axis" : ""}. Half of them are below ${mm(median(before))} ${names.before} and ${mm(median(after))} ${names.after}.`;
   let told = [];
   const chart = figure("Distribution of the errors", caption, 250, (width, height) => {
     const x = { ...(log ? visible([...before, ...after]) : range([...before, ...after], { zero: true })), label: "position error, mm" };

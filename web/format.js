@@ -60,6 +60,9 @@ export const measuredAt = (record) => `measured ${when(record.measured_at)}${rec
 /** A session of a job, by the time at which it was measured or, where its upload does not say it, computed. */
 export const sessionOf = ({ job, report }) => `session of ${when(report.measured_at ?? job.created_at)}`;
 
+/** A local date. */
+export const day = (text) => new Date(text).toLocaleDateString("en-GB", { year: "numeric", month: "short", day: "numeric" });
+
 /** A local date and time. */
 export function when(text) {
   if (!text) return "–";
@@ -87,11 +90,21 @@ export const ran = ({ started_at: from, finished_at: to }) => (from && to ? (new
 
 export const method = (name) => METHODS[name] ?? name.replaceAll("_", " ");
 
+/** A small probability as people say it. */
+export function chance(probability) {
+  if (probability < 1e-6) return "less than 1 in a million";
+  return probability < 0.01 ? `1 in ${count(Number((1 / probability).toPrecision(2)))}` : number(probability, 2);
+}
+
 const KINDS = { a: "a", alpha: "α", d: "d", theta_offset: "θ", beta: "β" };
-/** `theta_offset_3` as θ₃; what is not a link's is left as it is. Where positions cannot tell which one moved there are several. */
+/** `theta_offset_3` as θ₃, `base_rx` as "base, turned about x". Where positions cannot tell which one moved there are several. */
 export function parameter(name) {
   if (name.includes(" or ")) return name.split(" or ").map(parameter).join(" or ");
   const found = /^(a|alpha|d|theta_offset|beta)_(\d+)$/.exec(name);
+  const turned = /^base_r([xyz])$/.exec(name);
+  if (turned) return `base, turned about ${turned[1]}`;
+  const target = /^target_(\d+)(?:_([xyz]))?$/.exec(name);
+  if (target) return `reflector ${target[1]}${target[2] ? `, ${target[2]}` : ""}`;
   if (!found) return name.replaceAll("_", " ");
   return KINDS[found[1]] + found[2].replace(/\d/g, (c) => "₀₁₂₃₄₅₆₇₈₉"[Number(c)]);
 }
@@ -106,14 +119,30 @@ export const warningTitle = (code) => WARNINGS[code] ?? sentence(code);
 /** What a gate found, as a title: where it refuses, where it passed with a remark, and otherwise. */
 export const gateTitle = ({ gate, passed, warning }) => (passed ? warning && REMARKED[gate] : UNMET[gate]) || (GATES[gate] ?? sentence(gate));
 /** What a gate found. The code that some begin with is said by the rest of the sentence. */
-export const gateDetail = (detail) => plain(detail).replace(/^(\w+): /, (all, code) => (EVIDENCE[code] ? "" : all));
+export const gateDetail = (detail) => plain(detail.replace(/^(\w+): /, (all, code) => (EVIDENCE[code] ? "" : all)));
 export const correctionTitle = (kind) => CORRECTIONS[kind] ?? sentence(kind);
 
 /** A mapping of columns in a sentence. The page has choices for it instead, below the sentence. */
 const MAPPING = / in the column mapping: \{(?:"(?:[^"\\]|\\.)*"|[^{}"]|\{(?:"(?:[^"\\]|\\.)*"|[^{}"])*\})*\}(?: \(or [^)]*\))?/gu;
 
+/** The unit of a parameter: ° for angles. */
+export const unitOf = (name) => (/^(alpha|theta_offset|beta)_|^base_r[xyz]/.test(name) ? "°" : "mm");
+
+/** Names of parameters in a sentence of the service. */
+const PARAMETERS = /\b(?:(?:alpha|theta_offset|beta)_\d+|[ad]_\d+|base_r?[xyz]|target_\d+(?:_[xyz])?)\b/g;
+/** Words that only programs need, and those that people say. */
+const FOR_PEOPLE = [
+  // of a set that is far off the file is not to blame; the robot's page says which of the two it is
+  [/the file of (job \w+) does not fit this robot and its parameter set: is the file/, "the session of $1 speaks against this robot or its parameter set: is the file"],
+  [/the robot is in the state check_robot: the session of (job \w+) did not fit it\. It/, "the session of $1 speaks against this robot. It"],
+  [/min_mm is the lowest corner and max_mm the highest/g, "each number \"from\" has to be below its number \"to\""],
+  [/ \(flange_rotation_std_deg\)|: flange_rotation_std_deg/g, ""],
+  [/\/keep_out\/(\d+): ?/g, (_, i) => `Box ${Number(i) + 1}: `], [/\/set_ups\/(\d+): ?/g, (_, i) => `Place ${Number(i) + 1}: `], [/\bmin_mm\b/g, "from"], [/\bmax_mm\b/g, "to"], [/\bchange_reason\b/g, "a reason for the change"],
+  [/\bserial_number\b/g, "serial number"], [/\bjoint_map\b/g, "joint map"], [/\bjoint_limits_deg\b/g, "joint limits"], [/\bsame_upload\b/g, "same upload"], [/\bindependent_session\b/g, "independent session"], [/\bcheck_robot\b/g, "check this robot"],
+  [/ (\d(?:\.\d+)?)e-(\d+)\b/g, (_, mantissa, exponent) => ` ${Number(exponent) > 6 ? "below 0.000001" : Number(`${mantissa}e-${exponent}`).toFixed(Number(exponent) + 1)}`], [/ ?\(\d+(?:\.\d+)? σ\)/g, ""], [/`/g, ""]];
+
 /** A sentence of the service, without what only programs need. */
-export const plain = (text) => String(text).replace(MAPPING, " below").replace(/([?!])\.$/, "$1");
+export const plain = (text) => FOR_PEOPLE.reduce((said, [word, words]) => said.replace(word, words), String(text).replace(MAPPING, " below").replace(PARAMETERS, parameter)).replace(/([?!])\.$/, "$1");
 
 /** What an instrument states of its noise and its level. */
 export function instrument({ range_std_mm: range, range_std_mm_per_m: perMetre, angle_std_deg: angle, levelled }) {

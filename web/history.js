@@ -1,7 +1,7 @@
 // A robot's past: each parameter set with the report of its job.
 
 import { each, get, list } from "./api.js";
-import { answering, axes, figure, legend, range, ticks, timeAxis } from "./charts.js";
+import { answering, axes, figure, legend, oneInstant, range, ticks, timeAxis } from "./charts.js";
 import { el, svg } from "./dom.js";
 import { mm, parameter, signed, SMALLEST_MM, when } from "./format.js";
 import { foundAgainst } from "./verdicts.js";
@@ -93,21 +93,21 @@ function scaled(entries) {
 }
 
 /** Error over time: nominal robot and each set on its own points, and the sessions that scored a set later. */
-export function errorHistory(entries, sessions) {
+export function errorHistory(entries, sessions, nameOf) {
   const shown = scaled(entries);
   const beyond = entries.length - shown.length;
-  const scored = (those) => those.filter(({ report }) => best(report).n_points > 0).map(({ job, report }) => ({ at: timeOf(job, report), rms: best(report).after.rms_mm, isAgainst: foundAgainst(report) !== undefined, words: verifiedWords(job, report, entries) }));
+  const scored = (those) => those.filter(({ report }) => best(report).n_points > 0).map(({ job, report }) => ({ at: timeOf(job, report), rms: best(report).after.rms_mm, isAgainst: foundAgainst(report) !== undefined, words: verifiedWords(job, report, entries, nameOf) }));
   const later = scored(sessions.filter(({ report }) => counts(report)));
   const misfits = scored(sessions.filter(({ report }) => !counts(report)));
   const onAxis = [...entries.map(({ set, report }) => timeOf(set, report)), ...[...later, ...misfits].map(({ at }) => at)];
   const caption = `Position error (rms) of each calibration on its own verify points, before and after. A filled square was released, a hollow one was not.${later.length > 0 ? ` A round mark is a later session that a set was scored on${later.some(({ isAgainst }) => isAgainst) ? "; a red one speaks against the set" : ""}.` : ""}${beyond > 0 ? ` Withdrawn sets and those far beyond the others (${beyond}) do not stretch the scale; they stand at its edge.` : ""}${misfits.length > 0 ? " A triangle is a session that does not fit the robot; beyond the scale it stands at its upper edge." : ""} ${timeWords([...entries, ...sessions])}`;
   let told = [];
-  const chart = figure("Error over time", caption, 260, (width, height) => {
-    const values = [...shown.flatMap(({ report }) => [best(report).before.rms_mm, Math.max(SMALLEST_MM, best(report).after.rms_mm)]), ...later.map(({ rms }) => Math.max(SMALLEST_MM, rms))];
-    const log = Math.max(...values) > 40 * Math.min(...values);
+  const values = [...shown.flatMap(({ report }) => [best(report).before.rms_mm, Math.max(SMALLEST_MM, best(report).after.rms_mm)]), ...later.map(({ rms }) => Math.max(SMALLEST_MM, rms))];
+  const log = Math.max(...values) > 40 * Math.min(...values);
+  const chart = figure("Error over time", `${caption}${log ? " The axis of the error is logarithmic." : ""}`, 260, (width, height) => {
     const frame = axes(width, height, times(onAxis), { ...range(values, log ? { log } : { zero: true }), label: "rms, mm" });
     const within = (v) => Math.max(frame.top, Math.min(frame.bottom, frame.y(Math.max(v, SMALLEST_MM))));
-    told = [...entries.map(({ set, report }) => [frame.x(timeOf(set, report)), [el("strong", {}, when(timeOf(set, report))), `: ${errorWords(set, report)}`]]), ...[...later, ...misfits].map(({ at, words }) => [frame.x(at), [el("strong", {}, when(at)), `: ${words}`]])].sort(([a], [b]) => a - b);
+    told = [...entries.map(({ set, report }) => [frame.x(timeOf(set, report)), [el("strong", {}, when(timeOf(set, report))), `: ${errorWords(set, report, nameOf)}`]]), ...[...later, ...misfits].map(({ at, words }) => [frame.x(at), [el("strong", {}, when(at)), `: ${words}`]])].sort(([a], [b]) => a - b);
     const marks = entries.map(({ set, report }) => {
       const { before, after } = best(report);
       const x = frame.x(timeOf(set, report));
@@ -115,19 +115,19 @@ export function errorHistory(entries, sessions) {
       return svg(isBeyond ? "g.beyond" : "g", {}, svg("line.before-line", { x1: x, x2: x, y1: within(before.rms_mm), y2: within(after.rms_mm) }),
         svg("circle.before", { cx: x, cy: within(before.rms_mm), r: 4 }),
         square(x, within(after.rms_mm), set.status),
-        svg("title", {}, `${when(timeOf(set, report))}: ${errorWords(set, report)}`));
+        svg("title", {}, `${when(timeOf(set, report))}: ${errorWords(set, report, nameOf)}`));
     });
     return [frame.nodes, marks, misfits.map(({ at, rms, words }) => svg("g", {}, triangle(frame.x(at), within(rms)), svg("title", {}, `${when(at)}: ${words}`))), later.map(({ at, rms, isAgainst, words }) => svg("g", {}, svg(isAgainst ? "circle.misfit" : "circle.scored", { cx: frame.x(at), cy: within(rms), r: 4.5 }), svg("title", {}, `${when(at)}: ${words}`)))];
   }, legend([["before", "before: nominal robot"], ["after", "after: identified robot"], ...later.length > 0 ? [["scored", "on a later session"]] : [], ...misfits.length > 0 ? [["misfit", "session that does not fit"]] : []]));
   return answering(chart, () => told);
 }
 
-const errorWords = (set, report) => `${mm(best(report).before.rms_mm)} before, ${mm(best(report).after.rms_mm)} after, ${set.status}${report.verify ? "" : ", on the points of the fit itself"}`;
+const errorWords = (set, report, nameOf) => `${nameOf(set)}: ${mm(best(report).before.rms_mm)} before, ${mm(best(report).after.rms_mm)} after${report.verify ? "" : ", on the points of the fit itself"}`;
 
 /** What a session found, for the figure. */
-function verifiedWords(job, report, entries) {
+function verifiedWords(job, report, entries, nameOf) {
   const scored = entries.find(({ set }) => set.id === job.parameter_set_from);
-  return `${mm(best(report).after.rms_mm)} on a ${counts(report) ? "later session" : "session that does not fit the robot"}, with ${scored ? `the ${scored.set.status === "released" ? "active set" : `${scored.set.status} set`} of ${when(scored.set.created_at)}` : "an older set"}`;
+  return `${mm(best(report).after.rms_mm)} on a ${counts(report) ? "later session" : "session that does not fit the robot"}, with ${scored ? `the set of ${nameOf(scored.set)}` : "an older set"}`;
 }
 
 function square(x, y, status) {
@@ -139,23 +139,24 @@ const triangle = (x, y) => svg("path.misfit", { d: `M${x - 6} ${y + 5}L${x + 6} 
 
 /** The distance between two marks is the time between them. */
 function times(all) {
+  if (new Set(all).size === 1) return oneInstant(all[0]);
   const [from, to] = [Math.min(...all), Math.max(...all)];
   const pad = Math.max(1000, (to - from) * 0.05);
   return timeAxis(from - pad, to + pad);
 }
 
 /** One parameter over time with twice its standard uncertainty, and the choice of it. */
-export function parameterHistory(entries) {
+export function parameterHistory(entries, nameOf) {
   const names = [...new Set(entries.flatMap(({ report }) => report.parameters.filter((p) => p.identifiable).map((p) => p.name)))];
   if (names.length === 0) return el("p.empty", {}, "No parameter was identified alone.");
   names.sort((a, b) => jump(entries, b) - jump(entries, a));
   let chosen = names[0];
   const told = [];
   const choice = el("select", { id: "history-parameter", change: (event) => { chosen = event.target.value; chart.redraw(); } },
-    names.map((name) => el("option", { value: name }, `${parameter(name)}  (${name})`)));
+    names.map((name) => el("option", { value: name }, parameter(name))));
   const isMoved = entries.length > 1 && jump(entries, names[0]) > 1;
   const caption = `${isMoved ? "Those that moved most come first. " : ""}Identified minus nominal value, with twice its standard uncertainty where one is stated. Hollow: the data of that set could not see it alone. ${timeWords(entries)}`;
-  const chart = figure("Parameter over time", caption, 260, (width, height) => drawParameter(width, height, entries, chosen, told),
+  const chart = figure("Parameter over time", caption, 260, (width, height) => drawParameter(width, height, entries, chosen, told, nameOf),
     el("p", {}, el("label", { for: "history-parameter" }, "Parameter"), choice));
   return answering(chart, () => told);
 }
@@ -168,7 +169,7 @@ function jump(entries, name) {
   return rows.some((p) => p.link) ? 1 + Math.max(0, ...steps) : 0;
 }
 
-function drawParameter(width, height, entries, name, told) {
+function drawParameter(width, height, entries, name, told, nameOf) {
   const rows = entries.map(({ report }) => report.parameters.find((p) => p.name === name) ?? null);
   const known = rows.filter(Boolean);
   const unit = known[0]?.unit === "deg" ? "°" : "mm";
@@ -179,7 +180,7 @@ function drawParameter(width, height, entries, name, told) {
   const decimals = decimalsOf(ticks(y, 4));
   const frame = axes(width, height, times(entries.map(({ set, report }) => timeOf(set, report))), { ...y, label: `change, ${unit}`, format: (v) => signed(v, decimals) });
   const within = (v) => Math.max(frame.top, Math.min(frame.bottom, frame.y(v)));
-  told.splice(0, Infinity, ...rows.map((p, i) => p && [frame.x(at(i)), [el("strong", {}, when(at(i))), `: ${signed(p.delta, 5)} ${unit}${p.std_uncertainty ? ` ± ${p.std_uncertainty.toPrecision(2)} (one standard deviation)` : ""}, ${entries[i].set.status}`]]).filter(Boolean).sort(([a], [b]) => a - b));
+  told.splice(0, Infinity, ...rows.map((p, i) => p && [frame.x(at(i)), [el("strong", {}, when(at(i))), `: ${nameOf(entries[i].set)}: ${signed(p.delta, 5)} ${unit}${p.std_uncertainty ? ` ± ${p.std_uncertainty.toPrecision(2)} (one standard deviation)` : ""}`]]).filter(Boolean).sort(([a], [b]) => a - b));
   const marks = rows.map((p, i) => p && svg("g", {},
     p.std_uncertainty && svg("line.whisker", { x1: frame.x(at(i)), x2: frame.x(at(i)), y1: within(p.delta - 2 * p.std_uncertainty), y2: within(p.delta + 2 * p.std_uncertainty) }),
     svg(p.identifiable ? "circle.mark" : "circle.unseen", { cx: frame.x(at(i)), cy: within(p.delta), r: 4.5 }),

@@ -52,6 +52,19 @@ function furtherSessions(chosen, sets, stored) {
   return { node, draw, points };
 }
 
+/** What hung on the flange while the points were measured: its mass, and where its centre of mass is. */
+function payloadFields(n) {
+  const number = (name, label, more) => el("input", { id: `job-payload-${name}-${n}`, type: "number", step: "any", "aria-label": label, placeholder: name, ...more });
+  const mass = number("mass", "Payload while measuring, kg", { min: 0, max: 10000, placeholder: "not stated" });
+  const centre = ["x", "y", "z"].map((axis) => number(axis, `Centre of mass ${axis}, mm`, { min: -10000, max: 10000 }));
+  const node = el("div", {}, el("div.fields", {}, el("div", {}, el("label", { for: mass.id }, "Payload while measuring, kg"), mass), el("fieldset", {}, el("legend", {}, "Its centre of mass in the flange frame, mm"), el("div.controls", {}, centre))),
+    el("p.note", {}, "The report prints it, and corrections of the sag then hold for other payloads, too. An empty centre is the flange's origin."));
+  const typed = () => centre.filter((input) => input.value !== "");
+  const isHalf = () => (mass.value === "" && typed().length > 0) || ![0, 3].includes(typed().length);
+  const read = () => (mass.value === "" ? {} : { payload: { mass_kg: Number(mass.value), ...typed().length === 3 ? { centre_mm: centre.map((input) => Number(input.value)) } : {} } });
+  return { node, isHalf, read };
+}
+
 let forms = 0;
 
 /** The job that is posted with a set. Whoever came to verify finds that chosen, with the parameters to score and the newest other session. */
@@ -63,7 +76,7 @@ export function jobForm(robot, sets, { parameterSets, hasNetwork, verifying, set
     ["auto", "automatic (recommended)"], ["least_squares", "least squares"], ["pso", "particle swarm"], ...hasNetwork ? [["bpnn_pso", "swarm from the network"]] : []]);
   const [verify, verifyField] = choice(`job-verify-${n}`, "Verify on", [
     ["", "its verify points, else half"], ...sets.length > 1 ? sets.map((s) => [s.id, `another session: ${s.name ?? s.id}`]) : []]);
-  const [preset, presetField] = choice(`job-preset-${n}`, "Search settings", [["default", "ours"], ["paper", "the paper's, to the letter"]]);
+  const [preset, presetField] = choice(`job-preset-${n}`, "Search settings", [["default", "recommended"], ["paper", "those of the paper"]]);
   const candidates = verifiable(parameterSets);
   const other = verifying && sets.find((s) => s.id !== verifying.identified.id);
   if (other) set.value = other.id;
@@ -74,12 +87,13 @@ export function jobForm(robot, sets, { parameterSets, hasNetwork, verifying, set
   if (verifying && candidates.some((p) => p.id === verifying.set.id)) scored.value = verifying.set.id;
   const further = furtherSessions(() => set.value, sets, stored);
   const options = jobOptions(robot);
+  const payload = payloadFields(n);
   const out = el("div", {});
   const button = el("button.primary", { type: "submit" });
   const kind = () => kinds.querySelector("input:checked").value;
   const shape = () => {
     const verifies = kind() !== "identify";
-    for (const field of [methodField, verifyField, presetField, options.node, further.node]) field.hidden = verifies;
+    for (const field of [methodField, verifyField, presetField, payload.node, options.node, further.node]) field.hidden = verifies;
     scoredField.hidden = !verifies;
     afterField.hidden = kind() !== "check";
     fill(button, { verify: "Start verification", check: "Start check" }[kind()] ?? "Start calibration");
@@ -94,9 +108,10 @@ export function jobForm(robot, sets, { parameterSets, hasNetwork, verifying, set
   preselect();
   const submit = async (event) => {
     event.preventDefault();
+    if (kind() === "identify" && payload.isHalf()) return fill(out, problem({ title: "The payload is not complete", detail: "Type its mass. Of the centre of mass type all three numbers, or none" }));
     button.disabled = true;
     const request = kind() !== "identify" ? { kind: kind(), measurement_set_id: set.value, parameter_set_id: scored.value, ...kind() === "check" && after.value ? { after: after.value } : {} }
-      : options.add({ ...further.points(), method: method.value, preset: preset.value });
+      : options.add({ ...further.points(), method: method.value, preset: preset.value, ...payload.read() });
     if (kind() === "identify" && verify.value) request.verify = { source: "set", measurement_set_id: verify.value };
     try {
       const job = await post(`/v1/robots/${robot.id}/jobs`, request);
@@ -106,5 +121,5 @@ export function jobForm(robot, sets, { parameterSets, hasNetwork, verifying, set
       button.disabled = false;
     }
   };
-  return el("form", { submit }, kinds, el("div.fields", {}, setField, methodField, verifyField, presetField, scoredField, afterField), further.node, options.node, out, button);
+  return el("form", { submit }, kinds, el("div.fields", {}, setField, methodField, verifyField, presetField, scoredField, afterField), payload.node, further.node, options.node, out, button);
 }

@@ -96,3 +96,10 @@ export function placement(from, to) {
   const moved = turn(turned, a);
   return turned.map((v, i) => (i % 4 === 3 ? b[(i - 3) / 4] - moved[(i - 3) / 4] : v));
 }
+
+/** Random numbers from 0 to 1, the same each time, so that pictures can be compared. */
+export function randomNumbers() {
+  let state = 1;
+  // Lehmer's generator; 48271 and 2³¹ − 1 are those of Park and Miller
+  return () => { state = (state * 48271) % 2147483647; return state / 2147483647; };
+}

@@ -17,11 +17,13 @@ export function manageCard(robot, sets, { may, why, signal }) {
       if (error.name !== "AbortError") fill(body, problem(error));
     }
   };
-  return el("section.card", {}, el("details", { toggle: open }, el("summary", {}, "Name, joint limits, policy of releases, rollback, archive"), body));
+  return el("section.card", {}, el("details", { toggle: open }, el("summary", {}, "Name, mounting, joint limits, policy of releases, rollback, archive"), body));
 }
 
 /** How an arm may hang: [value, words]. */
-export const MOUNTINGS = [["", "on the floor"], ["wall", "on a wall"], ["ceiling", "on the ceiling"]];
+export const MOUNTINGS = [["floor", "on the floor"], ["wall", "on a wall"], ["ceiling", "on the ceiling"]];
+/** What stands before them while nobody has stated it. */
+export const NOT_STATED = ["", "not stated: the floor is assumed"];
 
 function editForm(robot) {
   const out = el("div", {});
@@ -29,7 +31,7 @@ function editForm(robot) {
   const name = el("input", { id: "edit-name", value: robot.name, required: true, maxlength: 200 });
   const serial = el("input", { id: "edit-serial", value: robot.serial_number ?? "", maxlength: 200 });
   const isOther = robot.mounting && typeof robot.mounting !== "string";
-  const mounting = el("select", { id: "edit-mounting" }, [...isOther ? [["other", "as it was stated"]] : [], ...MOUNTINGS].map(([value, words]) => el("option", { value, selected: isOther ? value === "other" : value === (robot.mounting === "floor" ? "" : robot.mounting ?? "") }, words)));
+  const mounting = el("select", { id: "edit-mounting" }, [...isOther ? [["other", "as it was stated"]] : robot.mounting ? [] : [NOT_STATED], ...MOUNTINGS].map(([value, words]) => el("option", { value, selected: value === (isOther ? "other" : robot.mounting ?? "") }, words)));
   const before = mounting.value;
   const limits = robot.links.map(({ joint_limits_deg: known }, i) => ["lower", "upper"].map((end, k) => el("input", { type: "number", step: "any", min: -3600, max: 3600, value: known?.[k] ?? "", "aria-label": `Joint ${i + 1}, ${end} limit, °` })));
   const stated = () => limits.map(([lower, upper]) => (lower.value === "" && upper.value === "" ? null : [lower, upper].map((input) => (input.value === "" ? null : Number(input.value)))));
@@ -40,7 +42,7 @@ function editForm(robot) {
       const changes = {};
       if (name.value !== robot.name) changes.name = name.value;
       if (serial.value.trim() !== (robot.serial_number ?? "")) changes.serial_number = serial.value.trim() || null;
-      if (mounting.value !== before) changes.mounting = mounting.value || "floor";
+      if (mounting.value !== before) changes.mounting = mounting.value;
       if (JSON.stringify(stated()) !== knownLimits) {
         const half = stated().findIndex((pair) => pair?.includes(null));
         if (half >= 0) return fill(out, el("div.problem", { role: "alert" }, el("p", {}, `Joint ${half + 1} has one limit: type both, or neither.`)));

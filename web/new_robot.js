@@ -2,7 +2,7 @@
 
 import { get, post } from "./api.js";
 import { el, fill, problem } from "./dom.js";
-import { MOUNTINGS } from "./manage.js";
+import { MOUNTINGS, NOT_STATED } from "./manage.js";
 import { postureCheck } from "./posture.js";
 import { fileForm } from "./robot_file.js";
 
@@ -64,19 +64,39 @@ function tableForm(show) {
   };
   joints.addEventListener("input", grow);
   grow();
+  const out = el("div", {});
   const submit = (event) => {
     event.preventDefault();
+    const missing = [...body.children].flatMap((row, i) => missingIn(row, i));
+    for (const input of body.querySelectorAll("[aria-invalid]")) input.removeAttribute("aria-invalid");
+    fill(out, missing.length > 0 && problem({ title: "The table is not complete", detail: "Nothing was taken as 0", errors: missing.map(({ said }) => ({ detail: said })) }));
+    if (missing.length > 0) {
+      for (const { input } of missing) input.setAttribute("aria-invalid", "true");
+      missing[0].input.focus();
+      return;
+    }
     const links = [...body.children].map((row) => {
-      const values = Object.fromEntries([...row.querySelectorAll("input")].map((input) => [input.dataset.key, input.value]));
-      const limits = values.low !== "" && values.high !== "" ? { joint_limits_deg: [Number(values.low), Number(values.high)] } : {};
+      const values = valuesIn(row);
+      const limits = values.low !== "" ? { joint_limits_deg: [Number(values.low), Number(values.high)] } : {};
       return { a_mm: Number(values.a_mm), alpha_deg: Number(values.alpha_deg), d_mm: Number(values.d_mm), theta_offset_deg: Number(values.theta_offset_deg), ...limits };
     });
     show({ name: name.value, links });
   };
   return el("form", { submit }, el("p.note", {}, "Craig's convention: Rx(α) · Dx(a) · Rz(q + θ) · Dz(d) from each link to the next."),
     el("div.fields", {}, el("div", {}, el("label", { for: "robot-name" }, "Name"), name), el("div", {}, el("label", { for: "robot-joints" }, "Joints"), joints)),
-    el("div.scroll.links", { tabindex: 0, role: "region", "aria-label": "Links" }, el("table", {}, el("thead", {}, el("tr", {}, ["Link", ...COLUMNS.map(([, label]) => label)].map((h) => el("th", { scope: "col" }, h)))), body)),
+    el("div.scroll.links", { tabindex: 0, role: "region", "aria-label": "Links" }, el("table", {}, el("thead", {}, el("tr", {}, ["Link", ...COLUMNS.map(([, label]) => label)].map((h) => el("th", { scope: "col" }, h)))), body)), el("p.note", {}, "Type 0 where a number is 0. A joint without limits has both cells empty."), out,
     el("div.actions", {}, el("button", { type: "submit" }, "Look at the arm")));
+}
+
+const valuesIn = (row) => Object.fromEntries([...row.querySelectorAll("input")].map((input) => [input.dataset.key, input.value]));
+
+/** The cells of a link that have to be filled in: {input, said}. */
+function missingIn(row, i) {
+  const values = valuesIn(row);
+  const cell = (key) => row.querySelector(`[data-key=${key}]`);
+  const empty = COLUMNS.slice(0, 4).filter(([key]) => values[key] === "").map(([key, label]) => ({ input: cell(key), said: `Link ${i + 1}: ${label} is empty` }));
+  const lone = (values.low === "") !== (values.high === "") ? [{ input: cell(values.low === "" ? "low" : "high"), said: `Link ${i + 1} has one joint limit: type both, or neither` }] : [];
+  return [...empty, ...lone];
 }
 
 /** The arm in a posture to compare with the pendant, and the button that stores it. */
@@ -85,7 +105,7 @@ function check(robot) {
   const out = el("div", {});
   const name = el("input", { id: "robot-stored-name", value: robot.name ?? "", maxlength: 200, required: true });
   const serial = el("input", { id: "robot-stored-serial", value: robot.serial_number ?? "", maxlength: 200, placeholder: "on the type plate" });
-  const mounting = !robot.mounting && el("select", { id: "robot-stored-mounting" }, MOUNTINGS.map(([value, words]) => el("option", { value }, words)));
+  const mounting = !robot.mounting && el("select", { id: "robot-stored-mounting" }, [NOT_STATED, ...MOUNTINGS].map(([value, words]) => el("option", { value }, words)));
   const field = (id, label, input) => input && el("div", {}, el("label", { for: id }, label), input);
   const store = async (event) => {
     event.preventDefault();

@@ -20,11 +20,18 @@ export function uselessBy(report) {
 /** Where a parameter set is verified: the upload form, which then scores it and takes the frame of its points. */
 export const verifyPage = (robot, set) => `#/robots/${robot.id}/upload?verify=${set.id}`;
 
+/** The link to it; for a key that may not, why there is none. */
+export function verifyLink(robot, set, { may, why }, kind = "a.button") {
+  const scope = ["identify", "upload"].find((one) => !may(one));
+  return scope ? why(scope, "verify with another session") : el(kind, { href: verifyPage(robot, set) }, "Verify with another session");
+}
+
 /** Whether a search stopped at its limit of iterations and nothing refined what it had: then the points are not to blame. */
 export const endedEarly = (report) => report.termination === "iteration_limit" && report.tool_uncertainty_mm === null;
 
 /** The card. `verified` is the set that a verification scored. */
-export function nextSteps({ report, job, robot, set, parameterSet, verified, outliers, later }, { may, why, signal }) {
+export function nextSteps({ report, job, robot, set, parameterSet, verified, outliers, later }, context) {
+  const { may, why, signal } = context;
   const useless = uselessBy(report);
   const card = (...content) => el("section.card.next", { "aria-label": "What to do next" }, el("h2", {}, "What to do next"), ...content);
   if (report.check) return false; // its verdict says what to measure next
@@ -47,8 +54,8 @@ export function nextSteps({ report, job, robot, set, parameterSet, verified, out
     const [isStray, remark] = outliers.rows.length === 0 || !isOpen ? [false, false] : [!isSupported, isSupported && strayRemark(report, outliers)];
     setAside(against.length > 0 || isStray, evidence === "independent_session");
     fill(way, path(report, evidence, parameterSet, isStray ? "outliers" : against[0]?.code));
-    if (isStray) fill(words, lookFirst(report, outliers, gates, robot, parameterSet), gates && judged(gates));
-    else fill(words, against.length > 0 ? notYet(against[0], { job, robot, set, parameterSet, may }) : advice(report, evidence, robot, parameterSet, may, later), remark, gates && isOpen && judged(gates, against[0], set));
+    if (isStray) fill(words, lookFirst(report, outliers, gates, robot, parameterSet, context), gates && judged(gates));
+    else fill(words, against.length > 0 ? notYet(against[0], { job, robot, set, parameterSet, may, why }) : advice(report, evidence, robot, parameterSet, context, later), remark, gates && isOpen && judged(gates, against[0], set));
   };
   draw(null);
   // the gates know of verifications that were made since
@@ -134,14 +141,14 @@ function strayRemark(report, { rows, name, lookAt }) {
 }
 
 /** Points that do not fit the others come before everything else: what they mean is decided by who measured them. */
-function lookFirst(report, { rows, name, lookAt }, gates, robot, parameterSet) {
+function lookFirst(report, { rows, name, lookAt }, gates, robot, parameterSet, context) {
   const half = report.verify ?? report.identify;
   const worst = worstOf(report, rows);
   const one = rows.length === 1;
   const compared = gates?.gates.some(({ gate, passed, warning }) => gate === "improved_on_active" && (warning || !passed));
   return [el("p", {}, el("strong", {}, `${one ? `Look at ${name(worst)} first` : `Look at ${rows.length} points first`}: `, `${one ? "it is" : "the worst is"} off by ${mm(report.per_point[worst].after_mm)}${one ? "" : `, ${name(worst)}`}. `), `The mean error is ${mm(half.after.mean_mm)}. Was the reading bad, leave it out and calibrate again; was it right, verify with another session.`,
     compared && " The active set was scored with such points, and this set without them: do not compare the two before."),
-  el("div.actions", {}, el("button.primary", { type: "button", click: lookAt }, one ? `Look at ${name(worst)}` : "Look at these points"), el("a.button", { href: verifyPage(robot, parameterSet) }, "Verify with another session"))];
+  el("div.actions", {}, el("button.primary", { type: "button", click: lookAt }, one ? `Look at ${name(worst)}` : "Look at these points"), verifyLink(robot, parameterSet, context))];
 }
 
 /** Why a set is not usable yet, and the one button that leads on. */
@@ -151,11 +158,11 @@ function notYet(first, context) {
 }
 
 /** The button for a cause. */
-function wayOut({ code, detail = "" }, { job, robot, set, parameterSet, may }, out) {
+function wayOut({ code, detail = "" }, { job, robot, set, parameterSet, may, why }, out) {
   const link = (words, href) => el("a.button.primary", { href }, words);
   const page = `#/robots/${robot.id}`;
   const plan = link("Plan the poses to measure", `${page}/plan`);
-  const verify = link("Verify with another session", verifyPage(robot, parameterSet));
+  const verify = verifyLink(robot, parameterSet, { may, why }, "a.button.primary");
   const session = /job (job_\w+)/.exec(detail)?.[1];
   const other = /\b(set_\w+)/.exec(detail)?.[1];
   const again = (text, changes) => may("identify") && startButton(text, { job, robot, set }, changes, out);
@@ -172,13 +179,13 @@ function wayOut({ code, detail = "" }, { job, robot, set, parameterSet, may }, o
   return known[code] || (code in known ? plan : verify);
 }
 
-function advice(report, evidence, robot, parameterSet, may, later) {
+function advice(report, evidence, robot, parameterSet, { may, why }, later) {
   const isVerified = evidence === "independent_session";
   const link = (text, href) => el("a.button", { href }, text);
-  const verify = el(isVerified || parameterSet.status !== "candidate" ? "a.button" : "a.button.primary", { href: verifyPage(robot, parameterSet) }, "Verify with another session");
+  const verify = verifyLink(robot, parameterSet, { may, why }, isVerified || parameterSet.status !== "candidate" ? "a.button" : "a.button.primary");
   const half = report.verify ?? report.identify;
   if (parameterSet.status === "withdrawn") return el("p", {}, "This set was withdrawn. Calibrate anew, or release an older set.");
-  if (parameterSet.status === "released" && robot.state === "check_robot") return [el("p", {}, "It is in force, but a session does not fit the robot. Look at the robot before programs are corrected with this set; its page says what to do."), el("div.actions", {}, el("a.button.primary", { href: `#/robots/${robot.id}` }, `To ${robot.name}`))];
+  if (parameterSet.status === "released" && robot.state === "check_robot") return [el("p", {}, "It is in force, but a session speaks against the robot. Look at the robot before programs are corrected with this set; its page says what to do."), el("div.actions", {}, el("a.button.primary", { href: `#/robots/${robot.id}` }, `To ${robot.name}`))];
   if (parameterSet.status === "released" && later?.against) return [el("p", {}, `It is in force, but a later session speaks against it: ${later.against}. Look at that session before programs are corrected with this set.`), el("div.actions", {}, el("a.button.primary", { href: `#/jobs/${later.job.id}` }, "Look at that session"), verify)];
   if (parameterSet.status === "released") return [el("p", {}, "It is in force. Load it into the controller, or correct a program with it. Verify it with a short session from time to time: the robot's page says when."),
     el("div.actions", {}, link("Correct a program", `#/robots/${robot.id}/correct`), verify)];
@@ -213,8 +220,8 @@ function afterVerification(report, verified, again) {
 }
 
 /** A button that posts a job: the request of an earlier one with changes, or a new one. */
-function startButton(text, { job, robot, set }, changes, out) {
-  return el("button.primary", { type: "button", click: async () => {
+export function startButton(text, { job, robot, set }, changes, out, kind = "button.primary") {
+  return el(kind, { type: "button", click: async () => {
     try {
       const request = job ? (await get(`/v1/jobs/${job.id}`)).request : {};
       const points = request.measurement_set_ids ? {} : { measurement_set_id: set.id };
@@ -234,7 +241,8 @@ function remedy(code, { job, robot, set, may }) {
   const known = {
     model_too_small: [el("p", {}, "These points need a model with base and reflector, which the paper's model has not."), el("div.actions", {}, again("Calibrate again with the complete model", { model: "complete", frames_id: undefined, preset: "default" }))],
     joint_map_suspect: [el("p", {}, "Joints are counted otherwise than the robot's joint map says, or the file's axes are mirrored. Check x, y and z of the export first, then the joint that the warning names. Then calibrate again."), el("div.actions", {}, page)],
-    set_far_off: [el("p", {}, "The robot is not as it was when this set was identified. Identify anew with these points."), el("div.actions", {}, again("Calibrate with these points", { kind: "identify", parameter_set_id: undefined }))],
+    set_far_off: [el("p", {}, "The robot is not as it was when this set was identified, or its base or its tool was moved. A quick check names what changed; a calibration identifies the robot anew."),
+      el("div.actions", {}, job.kind !== "identify" && may("identify") && startButton("Quick check", { job: null, robot, set }, { kind: "check", ...job.parameter_set_from ? { parameter_set_id: job.parameter_set_from } : {} }, out), may("identify") && startButton("Calibrate with these points", { job, robot, set }, { kind: "identify", parameter_set_id: undefined }, out, job.kind !== "identify" ? "button" : "button.primary"))],
     not_converged: [el("p", {}, "The search ended before it had settled, so nothing can be said of the points. The automatic method searches until it has settled."), el("div.actions", {}, again("Calibrate again with the automatic method", { method: "auto", preset: "default", options: undefined }))],
     no_better_than_nominal: [el("p", {}, "Leave out points that do not fit, or measure more poses that move every joint, and calibrate again."), el("div.actions", {}, el("a.button", { href: `#/robots/${robot.id}/plan` }, "Plan the poses to measure"))],
   };

@@ -15,22 +15,22 @@ const MAX_MEASURED = 20;
 const WITHOUT_LIMITS = [-90, 90];
 
 /** The page. */
-export async function planPage({ main, signal }, id) {
+export async function planPage({ main, signal, query }, id) {
   const [robot, sets] = await Promise.all([get(`/v1/robots/${id}`, signal), list(`/v1/robots/${id}/measurement-sets`, MAX_MEASURED, signal)]);
   document.title = `kincal: poses for ${robot.name}`;
   const out = el("div", { "aria-live": "polite" });
   fill(main, el("p.crumbs", {}, el("a", { href: "#/" }, "Robots"), " / ", el("a", { href: `#/robots/${id}` }, robot.name)), el("h1", {}, "Poses to measure"),
     el("p.quiet", {}, "The poses that tell most about the parameters, within the joint limits and outside of what you keep out. Move the robot there slowly at first: the plan knows no cables, no fixtures and no people."),
-    form(robot, sets, out), out);
+    form(robot, sets, out, query.get("n")), out);
 }
 
 /** Directions in which a reflector can look, in the flange frame. */
 const DIRECTIONS = [["", "every direction"], ["0,0,1", "the flange's +z"], ["0,0,-1", "the flange's \u2212z"], ["1,0,0", "the flange's +x"], ["-1,0,0", "the flange's \u2212x"], ["0,1,0", "the flange's +y"], ["0,-1,0", "the flange's \u2212y"]];
 
-function form(robot, sets, out) {
+function form(robot, sets, out, asked) {
   const number = (name, value, more = {}) => el("input", { id: name, type: "number", value, ...more });
   const field = (name, label, input) => el("div", {}, el("label", { for: name }, label), input);
-  const [n, floor] = [number("plan-n", 30, { min: 1, max: 300, step: 1, required: true }), number("plan-floor", standsOnFloor(robot) ? 0 : "", { step: "any", placeholder: "none" })];
+  const [n, floor] = [number("plan-n", Number(asked) >= 1 && Number(asked) <= 300 ? Math.round(Number(asked)) : 30, { min: 1, max: 300, step: 1, required: true }), number("plan-floor", standsOnFloor(robot) ? 0 : "", { step: "any", placeholder: "none" })];
   const kind = el("select", { id: "plan-kind" }, el("option", { value: "position" }, "positions of a reflector"), el("option", { value: "pose" }, "poses of a 6D target"));
   const frame = el("select", { id: "plan-frame" }, el("option", { value: "base" }, "the robot's base frame"), el("option", { value: "instrument", selected: sets[0]?.frame === "instrument" }, "the instrument's frame"));
   const axis = el("select", { id: "plan-axis" }, DIRECTIONS.map(([value, words]) => el("option", { value }, words)));
@@ -61,7 +61,8 @@ function form(robot, sets, out) {
     sets.length > 0 && el("label.choice", {}, before, `count what was measured already (${sets.length === 1 ? "one set" : `${sets.length} sets`})`), places.node, boxes.node, el("div.actions", {}, button));
 }
 
-const standsOnFloor = ({ mounting }) => mounting === undefined || mounting === null || mounting === "floor";
+/** Whether a robot stands on the floor, as one does that states no mounting. */
+export const standsOnFloor = ({ mounting }) => mounting === undefined || mounting === null || mounting === "floor";
 
 /** A list of rows of numbers, each with a name if `named`, to which rows are added and from which they are removed. */
 function rowsOfNumbers({ note, add: text, named, labels, required }) {
@@ -105,7 +106,7 @@ function withoutLimits({ links }) {
   const open = links.map((link, i) => [link, i + 1]).filter(([link]) => !link.joint_limits_deg).map(([, number]) => number);
   if (open.length === 0) return false;
   const joints = open.length === 1 ? `Joint ${open[0]} has` : `Joints ${open.slice(0, -1).join(", ")} and ${open.at(-1)} have`;
-  return el("div.warning", {}, el("p", {}, el("strong", {}, `${joints} no stated limits. `), `The plan takes ${WITHOUT_LIMITS.map((limit) => fixed(limit, 0)).join("° to ")}° for ${open.length === 1 ? "it" : "each of them"}: check that the robot can go there. Poses beyond that range are not planned before the robot's limits are stated (on its page, under Name, joint limits).`));
+  return el("div.warning", {}, el("p", {}, el("strong", {}, `${joints} no stated limits. `), `The plan takes ${WITHOUT_LIMITS.map((limit) => fixed(limit, 0)).join("° to ")}° for ${open.length === 1 ? "it" : "each of them"}: check that the robot can go there. Poses beyond that range are not planned before the robot's limits are stated (on its page, under Name, mounting, joint limits).`));
 }
 
 /** A square at a height, as wide as the arm reaches. */

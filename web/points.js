@@ -1,7 +1,7 @@
 // The error of every point as a figure that answers: bars in the order of the rows or of the measurement, or dots against a joint or the time; with values by
 // pointer, touch and keyboard, zoom by dragging, and one selection with arrows and table.
 
-import { axes, figure, legend, range, ticks, timeAxis } from "./charts.js";
+import { axes, figure, legend, oneInstant, range, ticks, timeAxis } from "./charts.js";
 import { quantile } from "./arm.js";
 import { el, fill, svg } from "./dom.js";
 import { mm, SMALLEST_MM } from "./format.js";
@@ -128,13 +128,14 @@ function bar(frame, at, step, before, after, y, chosen) {
 function dots(width, height, points, y, state, chosen, names) {
   const of = state.against === "time" ? (i) => state.times[i] : (i) => state.joints[i]?.[Number(state.against.slice(1))];
   const all = points.map((_, i) => i).filter((i) => Number.isFinite(of(i)));
+  const isOne = state.against === "time" && all.every((i) => of(i) === of(all[0]));
   if (all.length === 0) return [svg("text.axislabel", { x: 20, y: 40 }, "The file has no such column.")];
-  const full = range(all.map(of));
+  const full = isOne ? oneInstant(of(all[0])) : range(all.map(of));
   const x = state.span ? { min: state.span[0], max: state.span[1] } : { min: full.min, max: full.max };
   const within = all.filter((i) => of(i) >= x.min && of(i) <= x.max);
   const share = Math.max(1, Math.ceil(within.length / MAX_DOTS));
   const shown = share === 1 ? within : worstOf(within.sort((i, k) => of(i) - of(k)), share, points, chosen);
-  const scale = state.against === "time" ? timeAxis(x.min, x.max) : { ...x, label: `joint ${Number(state.against.slice(1)) + 1}, °` };
+  const scale = isOne ? full : state.against === "time" ? timeAxis(x.min, x.max) : { ...x, label: `joint ${Number(state.against.slice(1)) + 1}, °` };
   const frame = axes(width, height, scale, y);
   const place = (v) => Math.max(frame.top, frame.y(y.log ? seen(v) : v));
   state.frame = frame;

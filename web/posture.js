@@ -46,7 +46,7 @@ export function postureCheck(robot, { title, level = "h3" }) {
     fill(verdict, compared(robot, q, t, typed(place), kind.value === "none" ? null : typed(angleInputs()) && quaternion(kind.value, typed(angleInputs()))));
   };
   say();
-  return el("div.posture", {}, drawn.node, el("div.controls", {}, joints.map((input, i) => el("label.joint", {}, `J${i + 1}`, input))), flange,
+  return el("div.posture", {}, drawn.node, el("div.controls", {}, joints.map((input, i) => el("label.joint", {}, `J${i + 1}, °`, input))), flange,
     el("fieldset", {}, el("legend", {}, "What the pendant shows, mm"), el("div.controls", {}, place, kind, angles)), verdict);
 }
 

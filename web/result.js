@@ -4,18 +4,18 @@ import { get, list, post } from "./api.js";
 import { checkTables, checkVerdict } from "./check.js";
 import { convergence, histogram, IDENTIFIED, interval, RECALIBRATED, VERIFIED } from "./figures.js";
 import { el, fill, problem, say, table, warning } from "./dom.js";
-import { capital, correctionTitle, error, EVIDENCE, fixed, method, mm, number, parameter, plain, sessionOf, signed, span, when } from "./format.js";
+import { capital, correctionTitle, count, error, EVIDENCE, fixed, method, mm, number, parameter, plain, sessionOf, signed, span, when } from "./format.js";
 import { gateItems } from "./gate_texts.js";
 import { best } from "./history.js";
 import { leftOut } from "./leave_out.js";
 import { decisions, statusBadge } from "./robot.js";
-import { facts } from "./robots.js";
+import { facts, overviewOf } from "./robots.js";
 import { endedEarly, nextSteps, uselessBy } from "./next.js";
 import { resultPoints } from "./result_points.js";
 import { saveButton } from "./save.js";
-import { sessionsCard } from "./sessions.js";
+import { nPoints, sessionsCard, setNames } from "./sessions.js";
 import { files, origin } from "./take_along.js";
-import { foundAgainst, foundBadge } from "./verdicts.js";
+import { asksToLook, foundAgainst, foundBadge } from "./verdicts.js";
 import { NO_USE } from "./words.js";
 import { workspaceCard } from "./workspace.js";
 
@@ -33,7 +33,7 @@ export async function result(body, context, { job, robot, sets, verified }) {
     job.parameter_set_id ? get(`/v1/parameter-sets/${job.parameter_set_id}`, signal) : null, verifySet ? get(`/v1/measurement-sets/${verifySet}`, signal) : null, job.parameter_set_id ? laterSession(job.parameter_set_id, robot, signal) : null,
   ]);
   const half = report.verify ?? report.identify;
-  const against = foundBadge(report);
+  const against = foundBadge(report, job.kind);
   if (against) fill(document.querySelector(`[data-state="${job.id}"]`) ?? el("div"), against);
   const names = job.kind !== "identify" ? VERIFIED : isPartial(job) ? RECALIBRATED : IDENTIFIED;
   const drawn = resultPoints({ report, job, sets, other, robot, parameterSet: parameterSet ?? verified, names }, context);
@@ -41,9 +41,9 @@ export async function result(body, context, { job, robot, sets, verified }) {
   const steps = (current) => fill(next, nextSteps({ report, job, robot, set, parameterSet: current, verified, outliers: drawn.outliers, later }, context));
   steps(parameterSet);
   const swarm = curve.iteration.length > 1 && convergence(curve, costWords(report, curve));
-  fill(body, report.check ? checkVerdict(report) : job.kind !== "identify" ? score(report, half, verified, byHandIn(sets)) : verdict(report, half, isPartial(job) ? "held parameter set" : "nominal robot", byHandIn(other ? [other] : sets), later), next, summary(report, half, job, verified, later), parameterSet && !noUse(report) && decision(parameterSet, context, steps, robot),
-    report.check && checkTables(report), sessionsCard(report, sets), report.warnings.filter((remark) => !isSetUp(remark, report, set)).map(warning), drawn.cell, drawn.errors, el("div.two", {}, errorTable(report, job), histogram(report.per_point, names)), drawn.table,
-    parameterTable(report), priors(report), pairs([swarm, comparison(report)].flat().filter(Boolean)), corrections(report), repeatability(report), changed(report, set), parameterSet && !noUse(report) && workspaceCard(robot, parameterSet), files(job, sets, parameterSet, drawn.download), origin(report, sets, parameterSet, job));
+  fill(body, report.check ? checkVerdict(report, { robot, set: verified, may: context.may }) : job.kind !== "identify" ? score(report, half, verified, byHandIn(sets), job) : verdict(report, half, isPartial(job) ? "held parameter set" : "nominal robot", byHandIn(other ? [other] : sets), later), next, summary(report, half, job, verified, later), parameterSet && !noUse(report) && decision(parameterSet, context, steps, robot, half),
+    report.check && checkTables(report), sessionsCard(report, sets), report.warnings.filter((remark) => !isSetUp(remark, report, set)).map(warning), drawn.cell, drawn.errors, el("div.two", {}, errorTable(report, job, sets, drawn.name), histogram(report.per_point, names)), drawn.table,
+    parameterTable(report), priors(report), pairs([swarm, comparison(report)].flat().filter(Boolean)), corrections(report), repeatability(report), changed(report, set), parameterSet && !noUse(report) && workspaceCard(robot, parameterSet), files(job, sets, parameterSet, drawn.download, robot), origin(report, sets, parameterSet, job));
 }
 
 /** The newest session that scored a parameter set after it was identified: {job, report, against}; null if there is none. */
@@ -87,8 +87,8 @@ function noUse(report) {
 /** Whether a job began with an earlier parameter set, of which it identified a part anew. */
 const isPartial = (job) => job.kind === "identify" && job.request?.parameters?.rest === "parameter_set";
 
-function useless(report, half, before) {
-  return el("div.problem", { role: "alert" }, el("p", {}, el("strong", {}, `${plain(noUse(report))}.`), ` The mean position error is ${mm(half.after.mean_mm)}, and ${mm(half.before.mean_mm)} with the ${before}. The warnings below say more.`));
+function useless(report, half, before, said = plain(noUse(report))) {
+  return el("div.problem", { role: "alert" }, el("p", {}, el("strong", {}, `${said}.`), ` The mean position error is ${mm(half.after.mean_mm)}, and ${mm(half.before.mean_mm)} with the ${before}. The warnings below say more.`));
 }
 
 /** Largest error beside the mean from which on the points are looked at one by one. */
@@ -97,7 +97,7 @@ const STRAY = 10;
 function verdict(report, half, before, left, later) {
   if (noUse(report)) return useless(report, half, before);
   const share = 1 - half.after.mean_mm / half.before.mean_mm;
-  const where = `${report.verify ? `On ${half.n_points} points that were not fitted` : `On the ${half.n_points} points of the fit itself`}${byHand(left)}`;
+  const where = onVerify(half, left) ?? `${report.verify ? `On ${half.n_points} points that were not fitted` : `On the ${half.n_points} points of the fit itself`}${byHand(left)}`;
   const better = share > 0.001 ? `fell from ${mm(half.before.mean_mm)} to ${mm(half.after.mean_mm)}, by ${share > 0.9995 ? "more than 99.9" : (100 * share).toFixed(1)} %` : `went from ${mm(half.before.mean_mm)} to ${mm(half.after.mean_mm)}: it did not get better`;
   const isBaseHidden = report.evidence === "same_upload" && report.warnings.some((remark) => remark.code === "base_not_checked");
   const own = report.evidence === "none" && report.verify ? NO_EVIDENCE : isBaseHidden ? BASE_HIDDEN : evidenceWords(report);
@@ -120,6 +120,9 @@ function byHandIn(sets) {
   return all.length > 0 ? { points: sum("points"), verify: sum("verify"), of: sum("of") } : null;
 }
 
+/** Where the halves stayed as they were: on which of the points that were kept aside. */
+const onVerify = ({ n_points: n }, left) => (left?.verify > 0 && n === left.of - left.verify ? `On ${n} of the ${left.of} verify points (${left.verify === 1 ? "one" : left.verify} left out by hand)` : undefined);
+
 /** Points that somebody left out: an error without the points that do not fit looks better than the robot is. */
 function byHand(left) {
   if (!left) return "";
@@ -127,7 +130,8 @@ function byHand(left) {
 }
 
 /** Result of a verification. If no set was scored, the nominal robot was. */
-function score(report, half, verified, left) {
+function score(report, half, verified, left, job) {
+  if (uselessBy(report) === "set_far_off") return useless(report, half, "nominal robot", `${asksToLook({ finding: "set_far_off", rms_mm: job.rms_mm ?? half.after.rms_mm }, verified?.status === "released" ? "active set" : `${verified?.status ?? "parameter"} set`).sentence}. These points fit the robot`);
   if (noUse(report)) return useless(report, half, "nominal robot");
   if (!verified && !half.corrected) return el(report.evidence === "none" ? "div.warning" : "div.done", {}, el("p", {}, el("strong", {}, `On ${half.n_points} points, the nominal robot has a mean position error of ${mm(half.after.mean_mm)}.`), " No identified parameters were verified."));
   const share = 1 - half.after.mean_mm / half.before.mean_mm;
@@ -149,7 +153,7 @@ function summary(report, half, job, verified, later) {
     ["Mean error", mm(half.after.mean_mm), `${before} ${mm(half.before.mean_mm)}`],
     isCorrected(half) && ["With corrections", mm(half.corrected.mean_mm), "mean error; for predictions and corrected targets"],
     ["Largest error", mm(half.after.max_mm), `${report.verify && job.kind === "identify" ? "of the held-out points; " : ""}${before} ${mm(half.before.max_mm)}`],
-    report.tool_uncertainty_mm && ["Uncertainty at the tool", mm(report.tool_uncertainty_mm.mean), `at worst ${mm(report.tool_uncertainty_mm.max)}; one standard deviation, by the links alone${report.reference ? " and the scale of the instrument" : ""}`],
+    report.tool_uncertainty_mm && ["Uncertainty at the tool", mm(report.tool_uncertainty_mm.mean), `at worst ${mm(report.tool_uncertainty_mm.max)} over the workspace; one standard deviation at the measured reflector, by the links alone${report.reference ? " and the scale of the instrument" : ""}`],
     report.tool_uncertainty_corrected_mm && ["Uncertainty with corrections", mm(report.tool_uncertainty_corrected_mm.mean), `at worst ${mm(report.tool_uncertainty_corrected_mm.max)}; of predictions and corrected targets`],
     report.reference && ["Instrument, by its reference", `${report.reference.scale_error_ppm.toFixed(1)} ppm`, `standard uncertainty ${report.reference.scale_std_ppm.toFixed(1)} ppm; ${mm(report.reference.at_reach_std_mm)} at the arm's reach`],
     report.tool_uncertainty_absent_because && ["Uncertainty at the tool", "not stated", capital(plain(report.tool_uncertainty_absent_because))],
@@ -159,10 +163,10 @@ function summary(report, half, job, verified, later) {
 }
 
 /** The state of the parameter set and what this user may do with it. */
-function decision(parameterSet, context, steps, robot) {
+function decision(parameterSet, context, steps, robot, half) {
   const node = el("section.card.decision", { "aria-label": "Parameter set", tabindex: -1 });
   const draw = (current, said) => {
-    const again = (action, title) => () => ask(action, title, current, draw, robot);
+    const again = (action, title) => () => ask(action, title, current, draw, robot, half);
     const buttons = [];
     if (context.may("release") && ["candidate", "superseded"].includes(current.status)) buttons.push(el("button.primary.release", { type: "button", click: again("release", "Release this parameter set") }, current.status === "candidate" ? "Release …" : "Release again …"));
     if (context.may("release") && ["released", "candidate"].includes(current.status)) buttons.push(el("button.danger", { type: "button", click: again("withdraw", "Withdraw this parameter set") }, "Withdraw …"));
@@ -202,7 +206,7 @@ const CONSEQUENCE = {
 };
 
 /** Asks for the reason in a dialog and does it. A refusal lists the gates in words. */
-function ask(action, title, set, draw, robot) {
+function ask(action, title, set, draw, robot, half) {
   const reason = el("textarea", { id: "reason", rows: 3, required: true, maxlength: 2000 });
   const change = el("textarea", { id: "change-reason", rows: 2, maxlength: 2000 });
   // asked for only when the service asks for it
@@ -240,11 +244,26 @@ function ask(action, title, set, draw, robot) {
   };
   const preview = action === "release" && gates(set.id);
   const dialog = el("dialog", { "aria-label": title, cancel: close, close: () => dialog.remove() },
-    el("form", { submit }, el("h2", {}, title), el("p", {}, CONSEQUENCE[action]), preview && preview.node, out,
+    el("form", { submit }, el("h2", {}, title), about(action, set, robot, half), el("p", {}, CONSEQUENCE[action]), preview && preview.node, out,
       el("label", { for: "reason" }, "Reason, for those who come after"), reason, changeField,
       el("p", {}), el("div.actions", {}, el(action === "release" ? "button.primary" : "button.danger", { type: "submit" }, action === "release" ? "Release" : "Withdraw"), el("button", { type: "button", click: close }, "Not now"))));
   document.body.append(dialog);
   dialog.showModal();
+}
+
+/** Which robot and which set it is about, how good the set is, and what it replaces. */
+function about(action, set, robot, half) {
+  const [which, replaced] = [el("span", {}, "this set"), el("span", {})];
+  const figure = `${mm(half.after.rms_mm)} rms on ${count(half.n_points)} points`;
+  setNames(robot).then((nameOf) => {
+    fill(which, nameOf(set));
+    if (action !== "release") return;
+    return overviewOf(robot).then(({ active } = {}) => {
+      const before = active?.after_rms_mm == null ? "" : `, ${mm(active.after_rms_mm)} rms when it was identified`;
+      fill(replaced, active ? `It replaces ${nameOf({ ...active, job_id: active.job_id })}${before}.` : "The robot has no active set now.");
+    });
+  }).catch(() => { /* the release itself says what is wrong */ });
+  return el("p", {}, el("strong", {}, robot.name), robot.serial_number ? `, serial number ${robot.serial_number}` : ", without a serial number", ": ", which, `. Error: ${figure}. `, replaced);
 }
 
 /** What a release would find now, before anybody asks for it: what refuses it, and what is worth a look. */
@@ -263,7 +282,7 @@ function refusal({ errors, detail }) {
     errors.length > 0 && gateItems(errors.map(({ code, detail: found }) => ({ gate: code, passed: false, detail: found }))));
 }
 
-function errorTable(report, job) {
+function errorTable(report, job, sets, name) {
   const verifies = job.kind !== "identify";
   const [before, after] = verifies ? ["nominal robot", "these parameters"] : ["before", "after"];
   const rows = [["identify", "Identify", report.identify], ["verify", "Verify", report.verify], ["without", "Verify, without outliers", report.verify_without_outliers]].filter(([, , half]) => half?.n_points > 0);
@@ -272,7 +291,19 @@ function errorTable(report, job) {
   return el("section.card", {}, el("h2", {}, verifies ? "Errors beside the nominal robot" : "Errors before and after"),
     table(verifies ? "Position errors in mm, on all points of the set." : "Position errors in mm. Identify: the points of the fit. Verify: points kept aside.", columns, flat, ""),
     rotations(report, before, after),
-    report.final && el("p.note", {}, `The delivered parameters were then fitted to all ${report.final.n_points} points (${mm(report.final.rms_mm)} rms there): the tool is ${mm(report.final.moved_mm)} on average from where the verified fit has it, over the workspace.`));
+    report.final && el("p.note", {}, `The delivered parameters were then fitted ${toPoints(report, nPoints(sets), name)}, with ${mm(report.final.rms_mm)} rms there: the tool is ${mm(report.final.moved_mm)} on average from where the verified fit has it, over the workspace.`));
+}
+
+/** Points that are named one by one. */
+const MAX_NAMED = 4;
+
+/** To how many of the points of the sessions the delivered parameters were fitted, and which were left out. */
+function toPoints({ final: { n_points: n }, per_point: points }, total, name) {
+  if (n === total) return `to all ${count(n)} points`;
+  const outliers = points.map((_, i) => i).filter((i) => i < total && points[i].outlier);
+  const isExplained = outliers.length === total - n;
+  const which = outliers.length <= MAX_NAMED ? outliers.map((i) => points[i].name ?? name(i)).join(", ") : count(outliers.length);
+  return `to ${count(n)} of ${count(total)} points${isExplained ? ` (${which} left out as ${outliers.length === 1 ? "an outlier" : "outliers"})` : ""}`;
 }
 
 /** Rotation errors, where poses were measured. */
@@ -292,8 +323,8 @@ function parameterTable(report) {
   for (const r of rows) scales.set(kind(r), Math.max(scales.get(kind(r)) ?? 1e-9, Math.abs(r.delta) + 2 * (r.std_uncertainty ?? 0)));
   const unit = (row) => (row.unit === "deg" ? "°" : row.unit);
   const columns = [
-    ["Parameter", (r) => [el("span.symbol", {}, parameter(r.name)), r.link && el("code.quiet", {}, r.name)]],
-    ["Unit", unit], ["Nominal", (r) => fixed(r.nominal), "n"], ["Identified", (r) => fixed(r.identified), "n"], ["Change", (r) => signed(r.delta, 4), "n"],
+    ["Parameter", (r) => (r.link ? el("span.symbol", {}, parameter(r.name)) : parameter(r.name))],
+    ["Unit", unit], ["Nominal", (r) => (r.link ? fixed(r.nominal) : [fixed(r.nominal), el("small.quiet.start", {}, "start value")]), "n"], ["Identified", (r) => fixed(r.identified), "n"], ["Change", (r) => signed(r.delta, 4), "n"],
     ["± std", (r) => (!r.identifiable ? "not seen alone" : r.std_uncertainty === null ? "–" : number(r.std_uncertainty, 2)), "n"],
     ["Change ± 2 std", (r) => interval(r, scales.get(kind(r)))],
   ];

@@ -12,7 +12,7 @@ import { selection } from "./selection.js";
 import { nPoints, placeOf } from "./sessions.js";
 
 /** Figures and table of a report's points. `sets` are the sessions of the job; `parameterSet` is what was identified, or scored; `other` the set that was verified on, if it is another one. */
-export function resultPoints({ report, job, sets, other, robot, parameterSet, names }, { signal, may }) {
+export function resultPoints({ report, job, sets, other, robot, parameterSet, names }, { signal, may, why }) {
   const points = report.per_point;
   const selected = selection(points.length);
   const rows = { joints: null, lines: null };
@@ -26,14 +26,14 @@ export function resultPoints({ report, job, sets, other, robot, parameterSet, na
   // the service numbers the points of files without a column of configurations
   const label = (i) => points[i].name ?? points[i].configuration;
   const name = (i) => (/^(row_)?\d+$/.test(label(i)) ? row(i) : `${row(i)} (${label(i)})`);
-  const leave = leavingOut({ job, sets, points, robot, may, name, changed: () => { table.redraw(); cell?.refresh(); } });
+  const leave = leavingOut({ job, sets, points, robot, may, why, name, changed: () => { table.redraw(); cell?.refresh(); } });
   const stages = [["before", names.before], ["after", names.after, names.remains], ...points.some((p) => p.corrected_mm !== undefined && p.corrected_mm !== p.after_mm) ? [["corrected", "with corrections"]] : []];
   const describe = (i) => {
     const p = points[i];
     return pointFacts(`${name(i).replace("row", "Row")}${sets.length > 1 ? "," : " of"} ${setOf(i).name ?? "the set"}`, [[points[i].name ? "Name" : "Configuration", label(i)], rows.lines?.[i] && [`Line in the ${setOf(i).joined ? "instrument's " : ""}file`, rows.lines[i]], ["Target", p.target], ["Half", `${p.subset}${p.outlier ? ", outlier" : ""}`], ...errorFacts(p, stages),
       p.position_mm && ["Measured, mm", p.position_mm.map((v) => fixed(v, 2)).join(", ")], jointFacts(rows.joints?.[i])]);
   };
-  const actions = (i) => [leave?.byHand(i) && el("p.note", {}, leave.byHand(i)), el("div.actions", {}, el("button", { type: "button", click: () => selected.step(-1) }, "Previous"), el("button", { type: "button", click: () => selected.step(1) }, "Next"),
+  const actions = (i) => [leave?.locked, leave?.byHand(i) && el("p.note", {}, leave.byHand(i)), el("div.actions", {}, el("button", { type: "button", click: () => selected.step(-1) }, "Previous"), el("button", { type: "button", click: () => selected.step(1) }, "Next"),
     leave?.may(i) && el("button", { type: "button", click: () => leave.toggle(i) }, leave.excluded.has(i) ? "Keep it" : "Leave it out …"), leave?.excluded.size > 0 && el("button.primary", { type: "button", click: () => { leave.node.scrollIntoView({ block: "center" }); leave.node.querySelector("input").focus({ preventScroll: true }); } }, `Calibrate without ${leave.excluded.size === 1 ? "it" : `these ${leave.excluded.size}`} …`), el("button.plain", { type: "button", click: () => selected.set(null) }, "Close"))];
   const figure = pointsFigure(points, names, selected, name);
   const table = residualTable(points, row, label, selected, leave);
@@ -74,11 +74,8 @@ export function resultPoints({ report, job, sets, other, robot, parameterSet, na
   });
   /** Shows the points that a warning calls outliers. */
   const outliers = points.map((p, i) => i).filter((i) => points[i].outlier);
-  const lookAt = () => {
-    table.only("outlier");
-    selected.set(outliers[0]);
-  };
-  return { cell: cell ? cell.node : [], errors: figure.node, table: table.node, download: table.download, outliers: { rows: outliers, name, lookAt } };
+  const lookAt = () => table.only("outlier", outliers[0]);
+  return { cell: cell ? cell.node : [], errors: figure.node, table: table.node, download: table.download, name, outliers: { rows: outliers, name, lookAt } };
 }
 
 /** The measuring frame in the robot's base frame, from the points: measured minus residual is where the arm of these links is, seen from the instrument. */

@@ -3,18 +3,18 @@
 import { get, list, post } from "./api.js";
 import { armFigure } from "./arm.js";
 import { brief, el, fill, problem, say, table, withFocus } from "./dom.js";
-import { age, capital, count, error, EVIDENCE, gateTitle, measuredAt, method, mm, number, parameter, plain, ran, sessionOf, span, when } from "./format.js";
+import { age, capital, count, EVIDENCE, gateTitle, measuredAt, method, mm, number, parameter, plain, ran, sessionOf, span, when } from "./format.js";
 import { best, errorHistory, parameterHistory, past, state } from "./history.js";
 import { manageCard } from "./manage.js";
-import { SOON_JUDGED, verifyPage } from "./next.js";
+import { SOON_JUDGED, startButton, verifyLink, verifyPage } from "./next.js";
 import { isRunning, whileRunning } from "./polling.js";
 import { postureCard } from "./posture.js";
 import { facts, overviewOf, standing } from "./robots.js";
 import { saveButton, savePoints } from "./save.js";
 import { selection } from "./selection.js";
-import { setsOfJob } from "./sessions.js";
+import { setNames, setsOfJob } from "./sessions.js";
 import { uploadCard } from "./upload.js";
-import { foundAgainst, findingBadge } from "./verdicts.js";
+import { asksToLook, foundAgainst, findingBadge } from "./verdicts.js";
 import { FAILURES } from "./words.js";
 
 const SHOWN = 20;
@@ -30,15 +30,15 @@ export async function robotPage({ main, signal, may, why, query }, id, part) {
     list(`/v1/robots/${id}/jobs`, SHOWN, signal),
     list(`/v1/robots/${id}/networks`, SHOWN, signal),
   ]);
-  const [entries, { trend }] = await Promise.all([past(stand, signal), get(`/v1/robots/${id}/history?limit=1`, signal)]);
+  const [entries, { trend }, asking, nameOf] = await Promise.all([past(stand, signal), get(`/v1/robots/${id}/history?limit=1`, signal), askingJob(robot, signal), setNames(robot, signal)]);
   const uploads = el("div", {}, setTable(sets));
   const [top, steps, results, runs] = [el("div", {}), el("div", {}), el("div", {}), el("div", {})];
   const isNew = sets.length + jobs.length === 0;
-  const shown = { robot, stand, now, sets, jobs, entries, trend, may, why, signal };
+  const shown = { robot, stand, now, sets, jobs, entries, trend, asking, nameOf, may, why, signal };
   const draw = () => {
     fill(top, head(shown), archived(shown.robot), checkRobot(shown), failure(shown.stand.lastJob), known(shown));
     fill(steps, shown.stand.newest ? guide(shown) : firstSteps(shown));
-    fill(results, !shown.stand.newest && nominalArm(robot), history(shown.entries, shown.stand.sessions), section("Parameter sets", parameterSets(shown), isNew));
+    fill(results, !shown.stand.newest && nominalArm(robot), history(shown.entries, shown.stand.sessions, shown.nameOf), section("Parameter sets", parameterSets(shown), isNew));
     fill(runs, jobTable(shown.jobs));
   };
   const uploaded = (set) => {
@@ -71,8 +71,8 @@ async function refresh(shown, main, draw, runs) {
   }
   const robot = await get(`/v1/robots/${id}`, signal);
   const [stand, now] = await Promise.all([state(robot, signal), overviewOf(robot, signal)]);
-  const [entries, { trend }] = await Promise.all([past(stand, signal), get(`/v1/robots/${id}/history?limit=1`, signal)]);
-  Object.assign(shown, { robot, stand, now, jobs, entries, trend });
+  const [entries, { trend }, asking, nameOf] = await Promise.all([past(stand, signal), get(`/v1/robots/${id}/history?limit=1`, signal), askingJob(robot, signal), setNames(robot, signal)]);
+  Object.assign(shown, { robot, stand, now, jobs, entries, trend, asking, nameOf });
   withFocus(main, draw);
   say("A job of this robot has ended");
 }
@@ -86,7 +86,7 @@ async function toVerify(id, { stand, jobs, sets }, signal) {
 }
 
 /** An archived robot is in no list; somebody who has its address sees why. */
-const archived = (robot) => (robot.archived_at ? el("div.warning", {}, el("p", {}, el("strong", {}, `This robot was archived ${when(robot.archived_at)}. `), "It is in no list and cannot be calibrated. Restore it below, under Name, joint limits, policy of releases, rollback, archive.")) : []);
+const archived = (robot) => (robot.archived_at ? el("div.warning", {}, el("p", {}, el("strong", {}, `This robot was archived ${when(robot.archived_at)}. `), "It is in no list and cannot be calibrated. Restore it below, under Name, mounting, joint limits, policy of releases, rollback, archive.")) : []);
 
 /** How a robot gets its first set, and which step is next. */
 function firstSteps({ robot, sets, stand: { lastJob }, now, may }) {
@@ -123,16 +123,43 @@ const MAX_DESCRIPTION = 120;
 
 function head({ robot, stand, now }) {
   const short = robot.description?.length > MAX_DESCRIPTION ? `${/^.*?[.;](?= )/s.exec(robot.description)?.[0] ?? `${robot.description.slice(0, MAX_DESCRIPTION)} …`}` : robot.description;
-  const details = [robot.serial_number ? `serial number ${robot.serial_number}` : "no serial number", `${robot.links.length} ${robot.links.length === 1 ? "joint" : "joints"}`, robot.mounting && robot.mounting !== "floor" && typeof robot.mounting === "string" && `on the ${robot.mounting}`, short].filter(Boolean);
+  const details = [robot.serial_number ? `serial number ${robot.serial_number}` : "no serial number", `${robot.links.length} ${robot.links.length === 1 ? "joint" : "joints"}`, typeof robot.mounting === "string" && { floor: "on the floor", wall: "on a wall", ceiling: "on the ceiling" }[robot.mounting], short].filter(Boolean);
   return el("div.head", {}, el("div", {}, el("p.crumbs", {}, el("a", { href: "#/" }, "Robots")), el("h1", {}, robot.name), el("p.quiet", {}, details.join(" · "))),
     el("div.actions", {}, now && standing(now), el("span", { id: "drifted" }), el("a.button", { href: `#/robots/${robot.id}/plan` }, "Plan poses"), stand.newest && el("a.button", { href: `#/robots/${robot.id}/correct` }, "Correct a program"), stand.sets.length > 1 && el("a.button", { href: `#/robots/${robot.id}/compare` }, "Compare sets")));
 }
 
-/** What to do where a session does not fit the robot. */
-function checkRobot({ robot, stand: { active, newest, sessions }, may, why }) {
+/** The job whose session asks somebody to look at the robot; null if none does. */
+const askingJob = (robot, signal) => (robot.state === "check_robot" && robot.check_job_id ? get(`/v1/jobs/${robot.check_job_id}`, signal) : null);
+
+/** What to do where a session speaks against the robot: the file is wrong, or the robot has changed. */
+function checkRobot(shown) {
+  const { robot, asking, stand: { active, sessions }, may, why } = shown;
   if (robot.state !== "check_robot") return [];
-  const page = `#/robots/${robot.id}`;
-  const misfit = sessions.find(({ job }) => job.id === robot.check_job_id);
+  const session = sessions.find(({ job }) => job.id === robot.check_job_id);
+  const { isFarOff, sentence } = asksToLook(asking, scoredSet(shown));
+  const cause = isFarOff ? "Its points fit the robot, so the arm, its base or its tool is not as it was" : "It is in another frame or of another robot, or the robot has changed";
+  return el("section.card.alarm", {}, el("h2", {}, "Check this robot"),
+    el("p", {}, el("strong", {}, `${sentence}. `), "This was found on the ", el("a", { href: `#/jobs/${robot.check_job_id}` }, session ? sessionOf(session) : "session of this job"), `. ${cause}. No release is made until a new session fits, or somebody marks the robot as checked.`),
+    active && el("p", {}, el("strong", {}, "The cell still runs the active set until it is withdrawn.")),
+    waysOn(shown, isFarOff), why("release", "mark the robot as checked"), may("release") && markAsChecked(robot));
+}
+
+/** How the set is called that the session was scored with. */
+const scoredSet = ({ asking, stand: { active, sets } }) => (asking?.parameter_set_from && asking.parameter_set_from !== active?.id ? `${sets.find(({ id }) => id === asking.parameter_set_from)?.status ?? "older"} set` : "active set");
+
+/** Where the robot has changed, the points that show it lead on; where the file is in doubt, another session does. */
+function waysOn({ robot, asking, stand: { active, newest }, may }, isFarOff) {
+  const out = el("div", {});
+  const [page, set] = [`#/robots/${robot.id}`, { id: asking?.measurement_set_id }];
+  const withdraw = may("release") && active && el("a.button", { href: `#/jobs/${active.job_id}` }, "Withdraw the set");
+  const again = may("upload") && el(isFarOff ? "a.button" : "a.button.primary", { href: active || newest ? verifyPage(robot, active ?? newest) : `${page}/upload` }, "Measure again and upload a session");
+  if (!isFarOff) return el("div.actions", {}, again, may("identify") && el("a.button", { href: `${page}/upload` }, "Calibrate anew"), withdraw);
+  const check = { kind: "check", ...asking.parameter_set_from ? { parameter_set_id: asking.parameter_set_from } : {} };
+  return [out, el("div.actions", {}, may("identify") && [startButton("Quick check", { job: null, robot, set }, check, out), startButton("Calibrate with these points", { job: null, robot, set }, {}, out, "button")], again, withdraw)];
+}
+
+/** The form that ends the state without a new session. */
+function markAsChecked(robot) {
   const out = el("div", {});
   const reason = el("input", { id: "checked-reason", required: true, maxlength: 2000 });
   const submit = async (event) => {
@@ -144,12 +171,8 @@ function checkRobot({ robot, stand: { active, newest, sessions }, may, why }) {
       fill(out, problem(error));
     }
   };
-  return el("section.card.alarm", {}, el("h2", {}, "Check this robot"),
-    el("p", {}, "The file of ", el("a", { href: `#/jobs/${robot.check_job_id}` }, misfit ? `the ${sessionOf(misfit)}` : "this verification"), ` does not fit this robot${misfit ? `: it misses by ${mm(rmsOf(misfit))} rms` : ""}. It is in another frame or of another robot, or the robot has changed. No release is made until a new session fits, or somebody says why all is well.`),
-    active && el("p", {}, el("strong", {}, "The cell still runs the active set until it is withdrawn.")),
-    el("div.actions", {}, may("upload") && el("a.button.primary", { href: active || newest ? verifyPage(robot, active ?? newest) : `${page}/upload` }, "Measure again and upload a session"), may("identify") && el("a.button", { href: `${page}/upload` }, "Calibrate anew"), may("release") && active && el("a.button", { href: `#/jobs/${active.job_id}` }, "Withdraw the set")),
-    why("release", "say that all is well"), may("release") && el("form", { submit }, el("label", { for: "checked-reason" }, "Why all is well"),
-      el("div.fields", {}, reason, el("div", {}, el("button", { type: "submit" }, "Say so"))), out));
+  return el("form", { submit }, el("label", { for: "checked-reason" }, "Why the robot is in order"), el("p.note", {}, "The alarm ends, and sets can be released again. Your name and this reason are kept in the record."),
+    el("div.fields", {}, reason, el("div", {}, el("button", { type: "submit" }, "Mark as checked"))), out);
 }
 
 /** Probability of calling an unchanged robot changed, as in the service's test. */
@@ -179,7 +202,7 @@ function errorFacts({ active, report, lastSession, doubt }, now) {
   const { n_points: n } = best(source);
   const [before, after] = asListed(source, lastSession, now);
   const [words] = EVIDENCE[source.evidence] ?? [source.evidence];
-  const doubted = doubt ? ". A newer session does not fit the robot" : "";
+  const doubted = doubt ? ". The file of a newer session does not fit the robot" : "";
   const evidence = (remark) => {
     return doubt ? ["Evidence", "a newer session does not fit", `the ${sessionOf(doubt)} misses by ${mm(rmsOf(doubt))} rms; before it: ${words}${remark ? `, ${remark}` : ""}`] : ["Evidence", words, remark];
   };
@@ -208,12 +231,12 @@ function known({ stand, trend, now }) {
 }
 
 /** What to do next with a robot that has a result. */
-function guide({ robot, stand, now, sets, may, signal }) {
+function guide({ robot, stand, now, sets, may, why, signal }) {
   if (robot.archived_at || robot.state === "check_robot" || !stand.newest) return [];
   const { active, newest, since, lastJob, lastSession } = stand;
   const link = (kind, href, words) => el(kind, { href }, words);
   const card = (said, ...links) => el("section.card.next", { "aria-label": "What to do next" }, el("h2", {}, "What to do next"), el("p", {}, said), el("div.actions", {}, links));
-  const verify = (set, kind = "a.button") => link(kind, verifyPage(robot, set), "Verify with another session");
+  const verify = (set, kind = "a.button") => verifyLink(robot, set, { may, why }, kind);
   if (isRunning(lastJob)) return card("A job of this robot is running.", link("a.button.primary", `#/jobs/${lastJob.id}`, "Watch it"));
   const review = since ?? (active ? null : newest);
   const found = lastSession && foundAgainst(lastSession.report);
@@ -238,9 +261,9 @@ function releasable(set, sets, now, signal) {
   return said;
 }
 
-function history(entries, sessions) {
+function history(entries, sessions, nameOf) {
   if (entries.length === 0) return [];
-  return el("div.two", {}, errorHistory(entries, sessions), parameterHistory(entries));
+  return el("div.two", {}, errorHistory(entries, sessions, nameOf), parameterHistory(entries, nameOf));
 }
 
 /** A part of the page; an empty one is not shown. */
@@ -280,16 +303,16 @@ export function decisions(set, limit = Infinity) {
   return [told("Released", set.released_at, set.released_by_name ?? set.released_by, set.release_reason), told("Withdrawn", set.withdrawn_at, set.withdrawn_by_name ?? set.withdrawn_by, set.withdraw_reason)].filter(Boolean);
 }
 
-function parameterSets({ entries, jobs, sets }) {
+function parameterSets({ entries, jobs, sets, nameOf }) {
   const frames = framesOf(jobs, sets);
   const rms = (set, report) => jobs.find((job) => job.id === set.job_id)?.rms_mm ?? best(report).after.rms_mm;
   const columns = [
-    ["Identified", ({ set }) => el("a", { href: `#/jobs/${set.job_id}` }, when(set.created_at))],
+    ["Identified from", ({ set }) => [el("a", { href: `#/jobs/${set.job_id}` }, nameOf(set).replace(/, [^,]*$/, "")), el("small.quiet", {}, `identified ${when(set.created_at)}`)], "name"],
     ["State", ({ set }) => [statusBadge(set.status), decided(set)]],
     ["Moved", ({ set, report }) => moved(report, frames.get(set.job_id)), "name"],
-    ["Error, rms", ({ set, report }) => (report.verify && report.evidence !== "none" ? [mm(rms(set, report)), el("small.quiet", {}, `nominal ${error(best(report).before.rms_mm)}`)] : ["not verified", el("small.quiet", {}, report.verify ? "no evidence" : `fit itself ${error(best(report).after.rms_mm)}`)]), "n"],
+    ["Error, rms", ({ set, report }) => (report.verify && report.evidence !== "none" ? [mm(rms(set, report)), el("small.quiet", {}, `nominal ${mm(best(report).before.rms_mm)}`)] : ["not verified", el("small.quiet", {}, report.verify ? "no evidence" : `fit itself ${mm(best(report).after.rms_mm)}`)]), "n"],
     ["Evidence", ({ report }) => EVIDENCE[report.evidence]?.[0] ?? report.evidence],
-    ["Parameters", ({ set }) => saveButton("Download", `/v1/parameter-sets/${set.id}`, set.id, ".json", `Download the parameter set of ${when(set.created_at)}`)],
+    ["Parameters", ({ set }) => saveButton("Download", `/v1/parameter-sets/${set.id}`, set.id, ".json", `Download the parameter set of ${nameOf(set)}`)],
   ];
   return table("What was identified, newest first. Moved: parameters that differ from the set before by more than chance, without a base that was measured in the instrument's own frame. Errors and evidence are those at identification, on the verify points.", columns, [...entries].reverse(), "None yet.");
 }

@@ -2,10 +2,11 @@
 
 import { get, list } from "./api.js";
 import { drawMore, el, fill, problem, table, withFocus } from "./dom.js";
-import { age, capital, error, EVIDENCE, gateTitle, mm, signed, when } from "./format.js";
+import { age, capital, EVIDENCE, gateTitle, mm, signed, when } from "./format.js";
 import { forget, hasDrifted, isNewer, learn, noFacts, refusals } from "./list_facts.js";
 import { newRobot } from "./new_robot.js";
 import { isRunning, whileRunning } from "./polling.js";
+import { asksToLook } from "./verdicts.js";
 
 /** Robots that are shown at first, and how many more each click shows. */
 const [FIRST, MORE] = [20, 100];
@@ -29,7 +30,7 @@ const REASONS = URGENCY.indexOf("due") + 1;
 const isUrgent = (robot) => !["nothing", "calibrate"].includes(robot.need);
 const measured = (robot) => robot.active ?? robot.newest;
 
-/** Whether the newest session does not fit; the list of robots does not have its error. */
+/** Whether the list of robots does not have the error of the session that asks for a look at the robot. */
 const isMisfit = (robot) => robot.need === "check_robot" && robot.need_job_id !== undefined && robot.session?.job_id !== robot.need_job_id;
 
 /** The error that is known of a robot: of the newest session, else at its identification; null where nothing verified it. `checks` are the sessions that do not fit, by robot. */
@@ -37,11 +38,11 @@ function errorOf(robot, { checks: known }) {
   const set = measured(robot);
   if (!set) return undefined;
   const check = isMisfit(robot) && known.get(robot.robot_id);
-  if (typeof check?.rms_mm === "number") return { mm: check.rms_mm, said: `session of ${when(check.measured_at ?? check.created_at)}, does not fit` };
-  const doubt = isMisfit(robot) ? "; a newer session does not fit" : "";
+  if (typeof check?.rms_mm === "number") return { mm: check.rms_mm, said: `session of ${when(check.measured_at ?? check.created_at)}, ${asksToLook(check).short}` };
+  const doubt = isMisfit(robot) ? `; newer session: ${asksToLook(check).short}` : "";
   if (robot.session?.rms_mm !== undefined && robot.session.rms_mm !== null) return { mm: robot.session.rms_mm, said: `session of ${when(robot.session.measured_at ?? robot.session.created_at)}${doubt}` };
   const [words] = EVIDENCE[set.evidence] ?? [];
-  return set.evidence === "none" || set.after_rms_mm === null || set.after_rms_mm === undefined ? null : { mm: set.after_rms_mm, said: `at identification, ${words ?? "as stored"}; nominal ${error(set.before_rms_mm)}${doubt}` };
+  return set.evidence === "none" || set.after_rms_mm === null || set.after_rms_mm === undefined ? null : { mm: set.after_rms_mm, said: `at identification, ${words ?? "as stored"}; nominal ${mm(set.before_rms_mm)}${doubt}` };
 }
 
 /** Ways to sort: the key, the words, and the value of a robot. */
@@ -53,8 +54,9 @@ const SORTS = [
   ["job", "last job, newest first", (r) => -Date.parse(r.last_job?.created_at ?? 0)],
 ];
 
-/** From what is wrong in production to what needs nobody: a newer result than the active set, and one that a release refuses, before other results that wait. */
-const RANKS = ["check_robot", "drifted", "withdrawn", "job_failed", "newer", "refused", "review", "due", "calibrate", "nothing"];
+/** From what is wrong in production to what needs nobody; of each fault first the robots with a set in force, then those without. A newer result than the active set, and one that a release refuses, before other results that wait. */
+const FAULTS = ["check_robot", "drifted", "job_failed", "withdrawn"];
+const RANKS = [...FAULTS, ...FAULTS.map((fault) => `${fault}, nothing in force`), "newer", "refused", "review", "due", "calibrate", "nothing"];
 /** No figure counts as more, mm. */
 const MOST_MM = 1e5;
 
@@ -62,7 +64,9 @@ const MOST_MM = 1e5;
 function severity(robot, state) {
   const rank = hasDrifted(robot, state) && robot.need !== "check_robot" ? "drifted" : robot.need !== "review" ? robot.need : isNewer(robot) ? "newer" : isRefused(robot, state) ? "refused" : "review";
   const size = ["check_robot", "drifted", "newer", "refused"].includes(rank) ? Math.max(state.drifts.get(robot.robot_id)?.mean_mm ?? 0, errorOf(robot, state)?.mm ?? 0) : 0;
-  return RANKS.indexOf(rank) * 10 * MOST_MM - Math.min(size, MOST_MM);
+  // what a cell runs on comes before what no cell uses yet
+  const place = RANKS.indexOf(rank) + (FAULTS.includes(rank) && !robot.active ? FAULTS.length : 0);
+  return place * 10 * MOST_MM - Math.min(size, MOST_MM);
 }
 
 const robotsOf = (query, signal) => list(`/v1/overview${query}`, MAX_ROBOTS, signal);
@@ -181,6 +185,7 @@ function update(robot, state, rows) {
   put("drift", driftCell);
   put("reason", reasonOf);
   put("error", errorCell);
+  put("ended", ended);
 }
 
 /** Why a robot is as it is, in one sentence. */
@@ -188,7 +193,7 @@ function reasonOf(robot, state) {
   const check = robot.need === "check_robot" && state.checks.get(robot.robot_id);
   const apart = robot.need !== "drifted" && hasDrifted(robot, state) && state.drifts.get(robot.robot_id)?.mean_mm;
   if (apart) return `A newer result puts the tool ${mm(apart)} from where the active set has it`;
-  return typeof check?.rms_mm !== "number" ? capital(robot.reason) : `The session of ${when(check.measured_at ?? check.created_at)} misses by ${mm(check.rms_mm)} rms; no release until one fits`;
+  return robot.need !== "check_robot" ? capital(robot.reason) : `${asksToLook(check).sentence}; no release until a session fits`;
 }
 
 /** How far the newer set is from the active one; without a newer one, by how much the error of the active set has grown. */
@@ -197,10 +202,10 @@ function driftCell(robot, state) {
   const { drifts: known } = state;
   const now = isMisfit(robot) ? state.checks.get(robot.robot_id)?.rms_mm : session?.rms_mm;
   if (!isNewer(robot)) return active && active.evidence !== "none" && typeof now === "number" && typeof active.after_rms_mm === "number"
-    ? [`${signed(now - active.after_rms_mm, 3)}\u202fmm`, el("small.quiet", {}, `error was ${error(active.after_rms_mm)}`)] : "–";
+    ? [`${signed(now - active.after_rms_mm, 3)}\u202fmm`, el("small.quiet", {}, `error was ${mm(active.after_rms_mm)}`)] : "–";
   const found = known.get(robot.robot_id);
   if (found === null || !known.has(robot.robot_id)) return "…";
-  return found === undefined ? "–" : [mm(found.mean_mm), el("small.quiet", {}, `at most ${error(found.max_mm)}`)];
+  return found === undefined ? "–" : [mm(found.mean_mm), el("small.quiet", {}, `at most ${mm(found.max_mm)}`)];
 }
 
 /** State of a robot, as badges; with a link to the job that shows it. */
@@ -231,7 +236,7 @@ function errorCell(robot, state) {
 }
 
 /** How the newest job ended, and what it found. */
-const ended = ({ need, need_job_id: id, last_job: job }) => (job.id !== id ? job.status : need === "check_robot" ? "does not fit" : need === "drifted" ? "speaks against the set" : job.status);
+const ended = ({ robot_id: robot, need, need_job_id: id, last_job: job }, { checks }) => (job.id !== id ? job.status : need === "check_robot" ? asksToLook(checks.get(robot)).short : need === "drifted" ? "speaks against the set" : job.status);
 
 /** Whether the newest job identified what does not fit. */
 const hasMisfit = ({ newest, last_job: job }) => newest?.job_id === job.id && newest.refused_by === "fits";
@@ -240,10 +245,10 @@ function robotTable(robots, state, empty) {
   const columns = [
     ["Robot", (r) => [el("a", { href: `#/robots/${r.robot_id}` }, r.name), r.serial_number && el("small.quiet", {}, r.serial_number)], "name"],
     ["State", (r) => badges(r, state), "name"],
-    ["Active set", ({ active }) => (active ? el("span", { title: when(active.released_at) }, age(active.released_at)) : "none")],
+    ["In force since", ({ active }) => (active ? el("span", { title: when(active.released_at) }, age(active.released_at)) : "–")],
     ["Error, rms", (r) => (measured(r) ? el("span", { "data-error": r.robot_id }, errorCell(r, state)) : "–"), "n"],
     ["Drift", (r) => (isNewer(r) || isMisfit(r) ? el("span", { "data-drift": r.robot_id }, driftCell(r, state)) : driftCell(r, state)), "n"],
-    ["Last job", (r) => (r.last_job ? [el("a", { href: `#/jobs/${r.last_job.id}` }, hasMisfit(r) ? "does not fit" : ended(r)), el("small.quiet", {}, age(r.last_job.finished_at ?? r.last_job.created_at))] : "–")],
+    ["Last job", (r) => (r.last_job ? [el("a", { href: `#/jobs/${r.last_job.id}` }, hasMisfit(r) ? "does not fit" : el("span", { "data-ended": r.robot_id }, ended(r, state))), el("small.quiet", {}, age(r.last_job.finished_at ?? r.last_job.created_at))] : "–")],
   ];
   const caption = "Error: of the newest session, else of the active or the newest set on points that were not fitted; below it where these points come from. Drift: how far a newer result puts the tool from the active one, on average over the workspace; without a newer result, how much the error has grown since the active set was identified.";
   return table(caption, columns, robots, empty);

@@ -229,10 +229,10 @@ class Pen {
     if (a && b) this.things.push({ depth: (a[2] + b[2]) / 2 + behind, line: [a, b], stroke, width, dash });
   }
 
-  /** An arrow with a head of constant size. */
-  arrow(from, to, stroke, width = 1.6) {
+  /** An arrow with a head of constant size; one that is nearer is drawn over what is in front of it. */
+  arrow(from, to, stroke, width = 1.6, nearer = 0) {
     const [a, b] = [this.project(from), this.project(to)];
-    if (a && b) this.things.push({ depth: Math.min(a[2], b[2]), arrow: [a, b], stroke, width });
+    if (a && b) this.things.push({ depth: Math.min(a[2], b[2]) - nearer, arrow: [a, b], stroke, width });
   }
 
   /** A dot; radius in px. */

@@ -14,9 +14,6 @@ import { conventionChoice } from "./rotations.js";
 import { sheetsIn, twoSheets } from "./sheets.js";
 import { SUSPICIONS } from "./words.js";
 
-/** Rows of the file that are shown around its faults. */
-const MAX_SHOWN = 25;
-
 /** Upload by drag and drop or by choice, then the request; also for sets that are there already. `uploaded` is told of a new one; `verifying` is the parameter set that somebody came to verify, and the points that it was identified from. */
 export function uploadCard(robot, { sets, parameterSets, may, uploaded, hasNetwork, verifying }) {
   const known = [...sets];
@@ -219,9 +216,11 @@ function refused(error, file, text) {
   // none of several explanations that fit equally well is a heading
   const told = equallyGood(error.errors ?? []).length > 0 ? { ...error, code: undefined, title: "The points fit in more than one way" } : error;
   if (!inPlaces || told !== error) return problem({ ...told, errors: [], detail: errors.length > 0 ? `Nothing was stored: ${errors.map((issue) => plain(issue.detail)).join("; ")}.` : error.detail });
-  return [problem({ ...error, errors: [], detail: `Nothing was stored. ${count(errors.length)} to mend in ${file.name}:` }), faults(errors, text)];
+  return [problem({ ...error, errors: [], detail: `Nothing was stored. ${errors.length >= MOST_TOLD ? `The first ${errors.length} things` : count(errors.length)} to mend in ${file.name}:` }), faults(errors, text)];
 }
 
+/** The service tells no more faults of one file. */
+const MOST_TOLD = 100;
 const count = (n) => (n === 1 ? "One thing is" : `${n} things are`);
 
 /** Every fault with the line of the file that it stands in. */
@@ -240,6 +239,5 @@ function faults(errors, text) {
     ["Found", value, "wrong"],
     ["What is wrong", (issue) => capital(plain(issue.detail)), "name"],
   ];
-  const more = errors.length > MAX_SHOWN ? el("p.note", {}, `and ${errors.length - MAX_SHOWN} more`) : [];
-  return [table("Rows are counted from 0 without the header row.", columns, errors.slice(0, MAX_SHOWN), ""), more];
+  return table("Rows are counted from 0 without the header row.", columns, errors, "");
 }

@@ -26,6 +26,7 @@ use crate::wire::export::ExportDocument;
 use crate::wire::job::{JobParts, JobRequestBody, Method};
 use crate::wire::job_answer::{ProgressAnswer, Stage};
 use crate::wire::measurement::{self, MeasurementSet};
+use crate::wire::policy::DecisionRule;
 use crate::wire::report_shape::{CheckReport, Report};
 use crate::wire::robot::RobotBody;
 use crate::wire::session_record::SessionRecord;
@@ -159,6 +160,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             parameter_set: None,
             sessions: &[],
             tolerance_mm: None,
+            decision_rule: DecisionRule::default(),
             report: &report,
             convergence: &convergence,
         };

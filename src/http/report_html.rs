@@ -4,6 +4,7 @@ use crate::http::extract::Item;
 use crate::http::history::session_times;
 use crate::http::{App, Error, access};
 use crate::jobs::evidence;
+use crate::release::guard_band::rule_in_force;
 use crate::report_page::{self, MeasuredSet, ScoredSession, Sources};
 use crate::store::{ParameterSetRow, jobs, policies, robot_versions};
 use crate::wire::job_answer::JobAnswer;
@@ -36,7 +37,9 @@ pub async fn report_html(Item { app, caller, id }: Item) -> Result<Response, Err
         Some(set) => scored_sessions(&app, set).await?,
         None => vec![],
     };
-    let tolerance_mm = policies::get(&app.store, &job.robot_id).await?.tolerance_mm;
+    let policy = policies::get(&app.store, &job.robot_id).await?;
+    let tolerance_mm = policy.tolerance_mm;
+    let decision_rule = rule_in_force(policy.decision_rule, policy.version > 0);
     let permit = app.limits.compute_permit(caller.class).await?;
     let (report, convergence) = (
         jobs::report(&app.store, &id).await?,
@@ -63,6 +66,7 @@ pub async fn report_html(Item { app, caller, id }: Item) -> Result<Response, Err
                 .as_ref(),
             sessions: &sessions,
             tolerance_mm,
+            decision_rule,
             report: &serde_json::from_str(&report)?,
             convergence: &serde_json::from_str(&convergence)?,
         }))

@@ -1,6 +1,7 @@
 //! The section about a quick check.
 
-use super::text::{error, number};
+use super::text::{error, number, parameter, readable};
+use super::words::{self, capital};
 use crate::wire::report_shape::Report;
 use crate::wire::report_shape::{CheckReport, CheckVerdict, DetectableReport};
 use maud::{Markup, html};
@@ -19,8 +20,8 @@ fn section(check: &CheckReport) -> Markup {
     html! {
         section {
             h2 { "Quick check" }
-            p { strong { (verdict) } " " (check.reason) "." }
-            p { strong { "Next: " } (check.next) "." }
+            p { strong { (verdict) } " " (capital(&readable(&check.reason))) "." }
+            p { strong { "Next: " } (readable(&check.next)) "." }
             @if !check.detectable.is_empty() {
                 p {
                     "The smallest change of each kind, alone, that these poses find in " (number(100.0 * check.power)) " of 100 cases. One of "
@@ -39,7 +40,7 @@ fn line(row: &DetectableReport) -> Markup {
     let unit = if row.unit == "deg" { "°" } else { " mm" };
     html! {
         tr {
-            td { (row.name) }
+            td { (words::capital(&parameter(&row.name))) }
             @match (row.change, row.tool_mm) {
                 (Some(change), Some(tool_mm)) => { td { (number(change)) (unit) } td { (error(tool_mm)) } },
                 _ => { td { "not seen by these poses" } td {} },

@@ -1,6 +1,7 @@
 //! Tables of the position errors.
 
 use super::Sources;
+use super::quality::fitted_points;
 use super::text::error;
 use crate::wire::report_shape::{ErrorsReport, Report, SubsetReport};
 use maud::{Markup, html};
@@ -26,8 +27,8 @@ pub fn errors(sources: &Sources<'_>) -> Markup {
             p.note { "Identify: the points of the fit. Verify: points kept aside. Before: " (sources.before()) "." }
             @if let Some(last) = &report.final_fit {
                 p.note {
-                    "The delivered parameters were then fitted to all " (last.n_points) " points (" (error(last.rms_mm))
-                    " mm rms there): the tool is " (error(last.moved_mm)) " mm on average from where the verified fit has it, over the workspace."
+                    "The delivered parameters were then fitted " (fitted_points(last.n_points, sources.sets().map(|set| set.n_points).sum(), &report.per_point))
+                    ", with " (error(last.rms_mm)) " mm rms there: the tool is " (error(last.moved_mm)) " mm on average from where the verified fit has it, over the workspace."
                 }
             }
         }

@@ -2,7 +2,7 @@
 //! out by hand.
 
 use super::Sources;
-use super::text::number;
+use super::text::{fixed, number};
 use crate::wire::corrections::PayloadBody;
 use crate::wire::robot::{MountingBody, NamedMounting};
 
@@ -38,7 +38,7 @@ fn stated_mounting(mounting: &MountingBody) -> String {
 }
 
 fn direction([x, y, z]: [f64; 3]) -> String {
-    format!("({x:.3}, {y:.3}, {z:.3})").replace('-', "\u{2212}")
+    format!("({}, {}, {})", fixed(x, 3), fixed(y, 3), fixed(z, 3))
 }
 
 /// The payload that the job states.
@@ -80,7 +80,10 @@ fn left_out_of(name: &str) -> Option<&str> {
     let named = |(at, word): (usize, &str)| {
         let rest = &name[at + word.len()..];
         let (what, why) = rest.split_once(':')?;
-        let is_of_points = what.starts_with("row") || what.contains(" points");
+        let is_of_points = what.starts_with("row")
+            || what.starts_with("point ")
+            || what.contains(" points")
+            || what.contains("line ");
         let has_number = what.chars().any(|c| c.is_ascii_digit());
         (is_of_points && has_number && !why.trim().is_empty()).then_some(rest)
     };
@@ -100,6 +103,12 @@ mod tests {
                 Some("rows 3, 5 (1 of 20 verify points): bad"),
             ),
             ("a without 14 points: moved", Some("14 points: moved")),
+            (
+                "a without P42, line 43 (1 of 30 verify points): touched",
+                Some("P42, line 43 (1 of 30 verify points): touched"),
+            ),
+            ("a without line 2: slipped", Some("line 2: slipped")),
+            ("a without point P7: slipped", Some("point P7: slipped")),
             ("cell without roof: first", None),
             ("first", None),
         ] {

@@ -5,6 +5,7 @@
 
 mod axes;
 mod check;
+mod conformity;
 mod errors;
 mod figures;
 mod load;
@@ -44,7 +45,7 @@ pub fn html(sources: &Sources<'_>) -> String {
                 title { (sources.title()) }
                 style { (PreEscaped(STYLE)) }
             }
-            body { (body(sources)) }
+            body.of-withdrawn[conformity::is_withdrawn(sources)] { (body(sources)) }
         }
     };
     page.into_string()
@@ -53,12 +54,14 @@ pub fn html(sources: &Sources<'_>) -> String {
 fn body(sources: &Sources<'_>) -> Markup {
     let report = sources.report;
     html! {
+        (conformity::withdrawn(sources))
         header {
             p.kind { "kincal · calibration report" }
             h1 { (sources.title()) }
             @if let Some(which) = sources.which_robot() { p.under { (which) } }
         }
         main {
+            (conformity::verdict(sources))
             (sections::verdict(sources))
             @if let Some(rows) = load::left_out(sources) { p.note { "Left out of the measured file by hand: " (rows) } }
             (check::quick_check(report))

@@ -3,12 +3,16 @@
 
 use super::Sources;
 use super::load;
-use super::text::{error, number, time};
+use super::text::{error, fixed, number, time};
 use crate::wire::instrument::InstrumentBody;
 use crate::wire::measurement::Frame;
 use crate::wire::reference::ReferenceReport;
+use crate::wire::report_shape::PointReport;
 use crate::wire::session_record::SessionRecord;
 use maud::{Markup, html};
+
+/// Maximum number of outliers that are named.
+const MAX_NAMED: usize = 4;
 
 /// The frame and the tool that the values refer to, and the comparison with the tolerance.
 pub fn statement(sources: &Sources<'_>) -> Markup {
@@ -104,7 +108,7 @@ fn tool(sources: &Sources<'_>) -> String {
                 .iter()
                 .map(|target| {
                     let [x, y, z] = target.position_mm;
-                    format!("{x:.2}, {y:.2}, {z:.2} mm")
+                    format!("{}, {}, {} mm", fixed(x, 2), fixed(y, 2), fixed(z, 2))
                 })
                 .collect();
             format!(
@@ -119,6 +123,7 @@ fn tool(sources: &Sources<'_>) -> String {
 fn points(sources: &Sources<'_>) -> String {
     let report = sources.report;
     let held = report.verify.as_ref().map_or(0, |half| half.n_points);
+    let n_points: usize = sources.sets().map(|set| set.n_points).sum();
     let mut text = if sources.is_verification() {
         format!("{held} points were scored; no link was fitted to them")
     } else {
@@ -129,13 +134,39 @@ fn points(sources: &Sources<'_>) -> String {
     };
     if let Some(last) = &report.final_fit {
         text += &format!(
-            "; the delivered parameters were then fitted to all {} points ({} mm rms there, {} mm away on average)",
-            last.n_points,
+            "; the delivered parameters were then fitted {} ({} mm rms there, {} mm away on average)",
+            fitted_points(last.n_points, n_points, &report.per_point),
             error(last.rms_mm),
             error(last.moved_mm)
         );
     }
     text
+}
+
+/// To how many of the points the delivered parameters were fitted, and which were left out as outliers.
+pub fn fitted_points(n_fitted: usize, n_points: usize, points: &[PointReport]) -> String {
+    if n_fitted == n_points {
+        return format!("to all {n_fitted} points");
+    }
+    let own = points.iter().take(n_points);
+    let outliers: Vec<&PointReport> = own.filter(|point| point.outlier).collect();
+    if outliers.len() != n_points - n_fitted.min(n_points) {
+        return format!("to {n_fitted} of {n_points} points");
+    }
+    let name = |point: &&PointReport| {
+        let own_name = point.name.as_deref();
+        own_name.unwrap_or(&point.configuration).to_owned()
+    };
+    let which = match outliers.len() {
+        ..=MAX_NAMED => outliers.iter().map(name).collect::<Vec<_>>().join(", "),
+        n => n.to_string(),
+    };
+    let kind = if outliers.len() == 1 {
+        "an outlier"
+    } else {
+        "outliers"
+    };
+    format!("to {n_fitted} of {n_points} points ({which} left out as {kind})")
 }
 
 /// The decision at the release, by the policy at that time. Before a release: the comparison of the rms error alone, which decides nothing.
@@ -182,10 +213,6 @@ pub fn signature(sources: &Sources<'_>) -> Markup {
             record.instrument_certificate.is_none(),
         ),
         ("Operator", record.operator.is_none()),
-        (
-            "Payload while measuring",
-            load::stated_payload(sources).is_none(),
-        ),
         ("Place and date", true),
         ("Checked by, signature", true),
     ];

@@ -2,11 +2,11 @@
 
 use super::Sources;
 use super::sessions::evidence;
-use super::text::{error, number, signed, time, unit};
+use super::text::{self, error, fixed, number, parameter, signed, time, unit};
 use crate::release::headline;
 use crate::report_page::words;
 use crate::wire::measurement::{Frame, Warning};
-use crate::wire::parameter_set::ParameterSetAnswer;
+use crate::wire::parameter_set::{ParameterSetAnswer, ParameterSetStatus};
 use crate::wire::report_shape::{ErrorsReport, PriorReport, Report};
 use maud::{Markup, html};
 
@@ -69,7 +69,7 @@ pub fn warnings(warnings: &[Warning]) -> Markup {
                     strong { (words::warning(&warning.code)) ". " }
                     (words::advice(&warning.code, warnings).join(" "))
                 }
-                p.note { (words::capital(warning.detail.trim_end_matches('.'))) (warning.points_in_words()) "." }
+                p.note { (words::capital(&text::readable(warning.detail.trim_end_matches('.')))) (warning.points_in_words()) "." }
             }
         }
     }
@@ -172,6 +172,7 @@ fn model(report: &Report) -> String {
 
 fn standing(set: &ParameterSetAnswer) -> String {
     match &set.released_at {
+        Some(at) if set.status == ParameterSetStatus::Released => format!("released {}", time(at)),
         Some(at) => format!("{}, released {}", set.status.as_str(), time(at)),
         None => set.status.as_str().into(),
     }
@@ -191,10 +192,10 @@ pub fn parameters(report: &Report) -> Markup {
                 tbody {
                     @for p in &report.parameters {
                         tr.unseen[!p.identifiable] {
-                            th { (p.name) @if !p.identifiable { " *" } }
+                            th { (parameter(&p.name)) @if !p.identifiable { " *" } }
                             td { (unit(&p.unit)) }
-                            td.n { (signed(p.nominal, 4)) }
-                            td.n { (signed(p.identified, 4)) }
+                            td.n { (fixed(p.nominal, 4)) @if p.link.is_none() { " (start)" } }
+                            td.n { (fixed(p.identified, 4)) }
                             td.n { (signed(p.delta, 4)) }
                             @if p.identifiable {
                                 td.n { (p.std_uncertainty.map_or("–".into(), number)) }
@@ -217,20 +218,24 @@ fn unseen(groups: &[Vec<String>]) -> String {
         groups.iter().partition(|group| group.len() == 1);
     let mut text = String::new();
     if !several.is_empty() {
-        let several: Vec<String> = several.iter().map(|group| group.join(" with ")).collect();
+        let several: Vec<String> = several
+            .iter()
+            .map(|group| in_words(group).join(" with "))
+            .collect();
         text += &format!(
             "The data cannot see these alone, only the sum of each group's effects: {}. ",
             several.join("; ")
         );
     }
     if !single.is_empty() {
-        let single: Vec<&str> = single
-            .iter()
-            .flat_map(|group| group.iter().map(String::as_str))
-            .collect();
+        let single: Vec<String> = single.iter().flat_map(|group| in_words(group)).collect();
         text += &format!("The data cannot see at all: {}. ", single.join(", "));
     }
     text + "The positions of the measured reflector are right all the same; of another tool they may not be."
+}
+
+fn in_words(names: &[String]) -> Vec<String> {
+    names.iter().map(|name| parameter(name)).collect()
 }
 
 /// The priors of the request, and their share in the result.
@@ -251,7 +256,7 @@ pub fn priors(report: &Report) -> Markup {
                 tbody {
                     @for (parameter, prior) in known {
                         tr {
-                            th { (parameter.name) }
+                            th { (text::parameter(&parameter.name)) }
                             td { (unit(&parameter.unit)) }
                             td.n { (signed(prior.mean, 4)) }
                             td.n { (number(prior.std)) }
@@ -365,7 +370,7 @@ pub fn changes(report: &Report) -> Markup {
             } @else {
                 table {
                     thead { tr { th { "parameter" } th.n { "change, mm or °" } th.n { "in units of its uncertainty" } } }
-                    tbody { @for c in rows { tr { th { (c.name) } td.n { (signed(c.delta, 5)) } td.n { (number(c.sigmas)) } } } }
+                    tbody { @for c in rows { tr { th { (parameter(&c.name)) } td.n { (signed(c.delta, 5)) } td.n { (number(c.sigmas)) } } } }
                 }
             }
         }
@@ -423,7 +428,7 @@ pub fn origin(sources: &Sources<'_>) -> Markup {
             ", preset {}, seed {}, ended by {}",
             report.preset.as_str(),
             report.seed,
-            report.termination
+            report.termination.replace('_', " ")
         ),
     };
     html! {

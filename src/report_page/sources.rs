@@ -5,6 +5,7 @@ use crate::wire::instrument::InstrumentBody;
 use crate::wire::job_answer::JobAnswer;
 use crate::wire::measurement::{Frame, SetSummary};
 use crate::wire::parameter_set::ParameterSetAnswer;
+use crate::wire::policy::DecisionRule;
 use crate::wire::report_shape::{Convergence, Report};
 use crate::wire::robot::RobotBody;
 use crate::wire::session_record::SessionRecord;
@@ -68,6 +69,8 @@ pub struct Sources<'a> {
     pub sessions: &'a [ScoredSession],
     /// Tolerance in the robot's policy, mm; none without a server, or if the policy has no tolerance.
     pub tolerance_mm: Option<f64>,
+    /// The rule by which an error is compared with the tolerance.
+    pub decision_rule: DecisionRule,
     /// The report.
     pub report: &'a Report,
     /// The convergence curve.

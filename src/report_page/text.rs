@@ -70,6 +70,77 @@ pub fn signed(value: f64, decimals: usize) -> String {
     format!("{sign}{text}")
 }
 
+/// A value with a fixed number of decimals and a sign only below zero; what rounds to nothing has none.
+pub fn fixed(value: f64, decimals: usize) -> String {
+    signed(value, decimals).trim_start_matches('+').to_owned()
+}
+
+/// A parameter as people write it: θ₃ for `theta_offset_3`. The poses may not tell several parameters apart.
+pub fn parameter(name: &str) -> String {
+    if name.contains(" or ") {
+        let names: Vec<String> = name.split(" or ").map(parameter).collect();
+        return names.join(" or ");
+    }
+    if let Some(axis) = name.strip_prefix("base_r") {
+        return format!("base, turned about {axis}");
+    }
+    if let Some(rest) = name.strip_prefix("target_") {
+        return format!("reflector {}", rest.replace('_', ", "));
+    }
+    let (kind, link) = name.rsplit_once('_').unwrap_or((name, ""));
+    let symbol = match kind {
+        "a" | "d" => kind,
+        "alpha" => "α",
+        "theta_offset" => "θ",
+        "beta" => "β",
+        _ => return name.replace('_', " "),
+    };
+    let below = |c: char| c.to_digit(10).and_then(|d| char::from_u32(0x2080 + d));
+    format!(
+        "{symbol}{}",
+        link.chars().filter_map(below).collect::<String>()
+    )
+}
+
+/// A sentence of the calculation with parameters as people write them, small probabilities in words, and no σ.
+pub fn readable(sentence: &str) -> String {
+    let is_name = |word: &str| {
+        let is_link = word.rsplit_once('_').is_some_and(|(kind, link)| {
+            ["a", "d", "alpha", "theta_offset", "beta"].contains(&kind)
+                && link.chars().all(|c| c.is_ascii_digit())
+        });
+        is_link || word.starts_with("base_") || word.starts_with("target_")
+    };
+    let word = |whole: &str| {
+        let bare = whole.trim_end_matches([',', '.', ';', ':']);
+        let end = &whole[bare.len()..];
+        match bare.split_once("e-") {
+            _ if is_name(bare) => format!("{}{end}", parameter(bare)),
+            Some((digits, exponent)) if digits.parse::<f64>().is_ok() => {
+                match exponent.parse::<u32>() {
+                    Ok(..=6) => format!("{}{end}", bare.parse::<f64>().unwrap_or_default()),
+                    Ok(_) => format!("below 0.000001{end}"),
+                    Err(_) => whole.to_owned(),
+                }
+            }
+            _ => whole.to_owned(),
+        }
+    };
+    // a figure of the report that a warning names stands beside it on the page
+    let sentence = [" (flange_rotation_std_deg)", ": flange_rotation_std_deg"]
+        .iter()
+        .fold(sentence.to_owned(), |text, name| text.replace(name, ""));
+    let words: Vec<String> = sentence.split(' ').map(word).collect();
+    let mut text = words.join(" ");
+    while let Some(at) = text.find(" σ)") {
+        let Some(from) = text[..at].rfind(" (") else {
+            break;
+        };
+        text.replace_range(from..at + " σ)".len(), "");
+    }
+    text
+}
+
 /// The symbol of a unit: ° for `deg`.
 pub fn unit(unit: &str) -> &str {
     if unit == "deg" { "°" } else { unit }
@@ -83,7 +154,7 @@ pub fn time(rfc3339: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::{error, number, signed, time};
+    use super::{error, fixed, number, parameter, readable, signed, time};
 
     #[test]
     fn numbers_keep_three_digits() {
@@ -114,6 +185,33 @@ mod tests {
         assert_eq!(signed(-0.00001, 4), "0.0000");
         assert_eq!(signed(-0.5, 2), "\u{2212}0.50");
         assert_eq!(signed(0.25, 4), "+0.2500");
+    }
+
+    #[test]
+    fn values_have_a_sign_only_below_zero_and_parameters_are_symbols() {
+        assert_eq!(fixed(-0.004, 2), "0.00");
+        assert_eq!(fixed(1.5, 2), "1.50");
+        for (name, said) in [
+            ("theta_offset_12", "θ₁₂"),
+            ("a_2", "a₂"),
+            ("base_rx or alpha_1", "base, turned about x or α₁"),
+            ("base_x", "base x"),
+            ("target_0_y", "reflector 0, y"),
+        ] {
+            assert_eq!(parameter(name), said);
+        }
+    }
+
+    #[test]
+    fn sentences_of_the_calculation_are_readable() {
+        let said = "an unchanged robot shows as much with probability 6.48e-108. Likeliest cause: base_rx or alpha_1 by -0.0582° (119.4 σ)";
+        let read = "an unchanged robot shows as much with probability below 0.000001. Likeliest cause: base, turned about x or α₁ by -0.0582°";
+        assert_eq!(readable(said), read);
+        assert_eq!(readable("probability 1.20e-3"), "probability 0.0012");
+        assert_eq!(
+            readable("these poses do not show theta_offset_6: more"),
+            "these poses do not show θ₆: more"
+        );
     }
 
     #[test]

@@ -75,9 +75,9 @@ fn the_page_puts_the_arm_where_the_service_does() {
     });
 }
 
-/// The selected row as the panel beside the arm, the table and the figure state it.
+/// The selected row as the panel beside the arm, the table and the figure state it. In the table a button stands behind the row.
 async fn selected(browser: &Browser) -> [String; 3] {
-    let script = "return [document.querySelector('.picked .which')?.innerText ?? '', document.querySelector('.residuals tr.chosen td')?.innerText ?? '', \
+    let script = "return [document.querySelector('.picked .which')?.innerText ?? '', document.querySelector('.residuals tr.chosen td')?.firstChild.textContent ?? '', \
         document.querySelector('.answers .value strong')?.innerText ?? '']";
     let found = browser.run(script).await;
     [0, 1, 2].map(|i| found[i].as_str().unwrap().to_owned())
@@ -235,7 +235,7 @@ fn a_point_is_left_out_with_its_reason_and_the_rest_is_calibrated_again() {
         calibrate_without_it(browser, "the reflector was not seated").await;
         browser.until(&format!("location.hash !== '{page}'")).await;
         browser
-            .until_it_says("first without row 0: the reflector was not seated (99 points")
+            .until_it_says("first without line 2: the reflector was not seated (99 points")
             .await;
         browser.until_it_says("What to do next").await;
         browser.assert_quiet(&[]).await;
@@ -305,12 +305,19 @@ fn after_another_session_the_release_is_next_and_a_stray_row_of_two_files_can_be
             .unwrap();
         calibrate_without_it(browser, "it slipped").await;
         browser
-            .until_it_says("logs without row 17 (1 of 50 verify points): it slipped (99 points")
+            .until_it_says(
+                "logs without P17, line 19 (1 of 50 verify points): it slipped (99 points",
+            )
             .await;
         browser.until_it_says("What to do next").await;
         browser.assert_quiet(&[]).await;
     });
 }
+
+/// What is pressed outside of a sentence and is less than 24 px high.
+const SMALL: &str = "return [...document.querySelectorAll('main a, main button, main input, main select, main summary')] \
+    .filter((e) => e.checkVisibility() && !e.closest('p, li, .docs') && !['checkbox', 'radio'].includes(e.type)) \
+    .filter((e) => e.getBoundingClientRect().height < 23.5).map((e) => e.outerHTML.slice(0, 120))";
 
 #[test]
 fn no_page_scrolls_sideways_on_a_desk_a_tablet_or_a_phone() {
@@ -349,6 +356,8 @@ fn no_page_scrolls_sideways_on_a_desk_a_tablet_or_a_phone() {
                     "{page} at {}: {wide} px too wide",
                     size.0
                 );
+                let small = browser.run(SMALL).await;
+                assert_eq!(small, json!([]), "{page} at {}", size.0);
                 assert_eq!(
                     browser.accessibility().await,
                     Vec::<String>::new(),

@@ -7,6 +7,7 @@
 mod support;
 use support::process;
 
+mod agreement;
 mod arm;
 mod asked;
 mod browser;

@@ -349,10 +349,23 @@ fn a_large_set_is_drawn_with_as_many_arrows_as_can_be_told_apart() {
             .run(&format!("location.hash = '#/jobs/{job}'"))
             .await;
         browser
-            .until_it_says("Of every 2 neighbouring points only the one with the largest error after calibration is drawn: 1,250 of 2,500.")
+            .until_it_says("Drawn are an even sample, one of every 2 points, and the 20 points with the largest errors after calibration: 1,2")
             .await;
         let drawn = "return Number(document.querySelector('canvas.scene').dataset.drawn)";
-        assert_eq!(browser.run(drawn).await, 1250);
+        let drawn = browser.run(drawn).await.as_u64().unwrap();
+        assert!((1250..=1270).contains(&drawn), "{drawn}");
+        // an even sample is not worse than all points: half of it is below the median of all
+        let script = format!(
+            "return Promise.all([import('/assets/arm.js'), fetch('/v1/jobs/{job}/report').then((answer) => answer.json())]).then(([{{ quantile, thinned }}, {{ per_point: points }}]) => {{ \
+                const all = points.map((p) => ({{ errors: {{ after: p.after_mm }} }})); const drawn = thinned(all, all.map(() => [0, 0, 0]), 2, 'after'); \
+                const median = quantile(points.map((p) => p.after_mm), 0.5); const kept = points.filter((_, i) => drawn[i]); \
+                return kept.filter((p) => p.after_mm > median).length / kept.length; }})"
+        );
+        let above = browser.run(&script).await.as_f64().unwrap();
+        assert!(
+            (0.4..0.6).contains(&above),
+            "{above} of the sample are above the median"
+        );
         browser.assert_quiet(&[]).await;
     });
 }

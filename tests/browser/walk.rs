@@ -206,9 +206,11 @@ fn a_plan_within_typed_joint_limits_is_downloaded_with_a_row_for_each_pose() {
         sign_in(browser, &key).await;
         browser.until_it_says("not calibrated").await;
         browser.go(&format!("/#/robots/{robot}")).await;
-        browser.until_it_says("Name, joint limits, policy").await;
         browser
-            .run("[...document.querySelectorAll('summary')].find((s) => s.innerText.startsWith('Name, joint limits')).click()")
+            .until_it_says("Name, mounting, joint limits, policy")
+            .await;
+        browser
+            .run("[...document.querySelectorAll('summary')].find((s) => s.innerText.startsWith('Name, mounting, joint limits')).click()")
             .await;
         browser
             .until("document.querySelector(\"[aria-label='Joint 1, upper limit, °']\")")
