@@ -73,6 +73,15 @@ FAULTS = [
         ("axes[0].direction.z < ROUNDING - 1.0", "axes[0].direction.z < ROUNDING - 2.0")], "core/src/exchange"),
     Fault("clocks with two differences are taken", "core", "what_cannot_be_joined_says", [
         ("if !ties.are_contradictory {", "if true || !ties.are_contradictory {")], "core/src/measurement"),
+    Fault("groups of an instrument are pooled", "core", "nominal_and_measured_positions_are_never_pooled", [
+        (".filter(|(_, groups)| groups.len() > 1)", ".filter(|(_, groups)| groups.len() > 100)")], "core/src/measurement"),
+    Fault("slow ends of a motion are standstills", "core", "of_two_logs_only_rows_are_paired_in_which_both_stand", [
+        ("const MAX_DRIFT: f64 = 0.25;", "const MAX_DRIFT: f64 = 25.0;"), ("const CLEAR_MOTION: f64 = 5.0;", "const CLEAR_MOTION: f64 = 0.0;")],
+        "core/src/measurement"),
+    Fault("an external axis that moves is not told", "core", "external_axes_that_move_are_refused", [
+        ("const STANDSTILL: f64 = 0.05;\n\n/// Whether a column", "const STANDSTILL: f64 = 1e12;\n\n/// Whether a column")], "core/src/measurement"),
+    Fault("the verdict forgets the uncertainty", "browser", "a_withdrawn_set_says_so_at_the_top", [
+        ("Within::InGuardBand => (\n            \"NOT WITHIN\",", "Within::InGuardBand => (\n            \"WITHIN\",")], "src/report_page"),
     # Rotations, noise and scale
     Fault("rotations may turn the base, too", "service", "rotations_that_do_not_belong_to_the_positions", [
         ("(found.rms_mm <= NEAR_FIT_PER_REACH * reach_mm && is_known)", "(found.rms_mm < 0.0 * COMES_NEAR * reach_mm && is_known)")], "core/src/calibration"),

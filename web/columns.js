@@ -115,7 +115,7 @@ export async function askColumns(robot, { body, type, stated: choices = {} }, de
       return;
     }
     const wanted = groups.value.split(",").map((name) => name.trim()).filter(Boolean);
-    const columns = withChoices({ ...wanted.length > 0 ? { groups: wanted } : {}, ...mapping(asked, by && { ...by.value ? { by: by.value } : {}, ...!clockField.hidden && clock.value !== "" ? { clock_offset_s: Number(clock.value) } : {} }), choices);
+    const columns = withChoices({ ...wanted.length > 0 ? { groups: wanted } : {}, ...mapping(asked, by && { ...by.value ? { by: by.value } : {}, ...!clockField.hidden && clock.value !== "" ? { clock_offset_s: Number(clock.value) } : {} }) }, choices);
     try {
       if (keep.checked) await put(`/v1/robots/${robot.id}/columns/${files.length > 1 ? REMEMBERED_PAIR : REMEMBERED}`, lasting(columns));
       read(columns);

@@ -104,18 +104,23 @@ pub fn print_notes(imported: &ImportAnswer) {
     eprintln!("note: links and description {apart} over random configurations");
 }
 
+/// Rounded to four decimals, without a negative zero.
+fn rounded(value: f64) -> f64 {
+    (1e4 * value).round() / 1e4 + 0.0
+}
+
 /// Translation and rotation of a frame as text.
 fn in_words(t: &Transform) -> String {
-    let [x, y, z] = t.translation_mm;
+    let [x, y, z] = t.translation_mm.map(rounded);
     let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_fn(|i, j| t.rotation[i][j]));
     // The axis of a half turn is found from the quaternion only.
     let turned = match UnitQuaternion::from_rotation_matrix(&rotation).axis_angle() {
         Some((axis, rad)) => format!(
             "turned by {:.4}° about ({:.4}, {:.4}, {:.4})",
             rad.to_degrees(),
-            axis.x,
-            axis.y,
-            axis.z
+            rounded(axis.x),
+            rounded(axis.y),
+            rounded(axis.z)
         ),
         None => "not turned".into(),
     };

@@ -230,17 +230,29 @@ fn a_withdrawn_set_says_so_at_the_top_of_its_report_with_a_verdict_and_the_point
     let job = hall.calibrated(&robot, &set, "least_squares");
     let page = format!("/v1/jobs/{}/report.html", job["id"].as_str().unwrap());
     assert!(hall.server.text(&page).contains("no verdict"));
-    for (tolerance_mm, verdict) in [(5.0, "WITHIN"), (0.001, "NOT WITHIN")] {
-        let policy = json!({"tolerance_mm": tolerance_mm, "decision_rule": "guarded_acceptance", "independent_session_required": false, "second_person_required": false});
+    let with_policy = |tolerance_mm: f64, rule: &str| {
+        let policy = json!({"tolerance_mm": tolerance_mm, "decision_rule": rule, "independent_session_required": false, "second_person_required": false});
         let path = format!("/v1/robots/{robot}/policy");
         assert_eq!(hall.server.put(&path, &policy).0, 200);
-        let text = hall.server.text(&page);
-        let said = format!("→ <strong>{verdict}</strong>");
-        assert!(
-            text.contains(&said) && text.contains("mm (guarded): rms "),
-            "{tolerance_mm}: {text}"
-        );
-    }
+        hall.server.text(&page)
+    };
+    let is_said =
+        |text: &str, verdict: &str| text.contains(&format!("→ <strong>{verdict}</strong>"));
+    let guarded = "guarded_acceptance";
+    let text = with_policy(5.0, guarded);
+    assert!(is_said(&text, "WITHIN"), "{text}");
+    let (_, figure) = text.split_once("mm (guarded): rms ").unwrap();
+    let (rms, rest) = figure.split_once(" ± ").unwrap();
+    let (expanded, _) = rest.split_once(" mm").unwrap();
+    let [rms_mm, expanded_mm]: [f64; 2] = [rms, expanded].map(|text| text.parse().unwrap());
+    assert!(is_said(&with_policy(0.001, guarded), "NOT WITHIN"));
+    // the rms error alone is within the tolerance
+    let between_mm = rms_mm + 0.5 * expanded_mm;
+    assert!(is_said(&with_policy(between_mm, guarded), "NOT WITHIN"));
+    assert!(is_said(
+        &with_policy(between_mm, "simple_acceptance"),
+        "WITHIN"
+    ));
     let path = format!(
         "/v1/parameter-sets/{}/withdraw",
         job["parameter_set_id"].as_str().unwrap()

@@ -580,6 +580,18 @@ fn a_joint_map_that_the_robot_has_already_is_mended_and_not_replaced() {
 }
 
 #[test]
+fn a_coupling_that_only_the_joint_map_has_is_told_as_such() {
+    let (_, mut robot) = models().swap_remove(0);
+    let file = measured(&robot, &CLEAN, &mut Normal::new(8));
+    robot.joint_map = Some(joint_map(CONVENTIONS[3], 6));
+    let found = suspicion(&robot, &file);
+    let told = "joint 3 does not move with joint 2, as the robot's joint_map says it does";
+    assert!(found.detail.contains(told), "{}", found.detail);
+    robot.joint_map = found.joint_map;
+    assert_eq!(check_upload(&robot, &file, &[]), None, "{}", found.detail);
+}
+
+#[test]
 fn unmastered_joints_of_up_to_30_degrees_are_not_refused() {
     for_each_make(|name, robot, set| {
         for seed in 0..4 {

@@ -55,7 +55,7 @@ fn nominal_and_measured_positions_are_never_pooled() {
 #[test]
 fn groups_without_a_common_name_and_repetitions_in_a_group_are_read() {
     let robot = log(12, |i| format!("P{i}"));
-    let group = |i: usize| if i % 2 == 0 { "Low" } else { "High" };
+    let group = |i: usize| if i.is_multiple_of(2) { "Low" } else { "High" };
     belongs(
         &robot,
         &export("Name", 12, |i| format!("{}::P{i}", group(i))),

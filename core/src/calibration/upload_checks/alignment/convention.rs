@@ -149,8 +149,8 @@ impl Convention {
         columns.join(", ")
     }
 
-    /// Text that describes the convention.
-    pub fn words(&self) -> String {
+    /// Text that describes the convention for this robot.
+    pub fn words(&self, robot: &Robot) -> String {
         let reversed: Vec<usize> = joints(&self.reversed, |reversed| *reversed);
         let mut words = Vec::new();
         match reversed.as_slice() {
@@ -161,7 +161,11 @@ impl Convention {
                 listed(several)
             )),
         }
-        if self.coupling != 0.0 {
+        if self.coupling != 0.0 && self.joint_map(robot).coupling[(2, 1)] == 0.0 {
+            words.push(
+                "joint 3 does not move with joint 2, as the robot's joint_map says it does".into(),
+            );
+        } else if self.coupling != 0.0 {
             let of_q3 = if self.reversed[2] { "−" } else { "" };
             let of_q2 = if self.reversed[1] == (self.coupling > 0.0) {
                 "−"

@@ -234,7 +234,7 @@ impl<'a> Suspect<'a> {
                     Some(Cause::Joints(convention)) => format!(
                         ". It fits as well if {}: then the robot's joint_map is {}. Look at the controller which of both it is: with the wrong one a \
                          mirrored robot is identified",
-                        convention.words(),
+                        convention.words(self.robot),
                         in_words(&convention.joint_map(self.robot))
                     ),
                     _ => alone.to_owned(),
@@ -252,7 +252,7 @@ impl<'a> Suspect<'a> {
                 let also = off.map_or(String::new(), |off| {
                     format!(" and joint values are off by {off}")
                 });
-                let words = convention.words() + &also;
+                let words = convention.words(self.robot) + &also;
                 let or_file = match (&candidate.or, self.frame) {
                     (Some(Cause::File(file)), Frame::Base) => Some(file.words(&[])),
                     (Some(Cause::File(_)), Frame::Instrument) => {
@@ -277,7 +277,7 @@ impl<'a> Suspect<'a> {
                     format!(
                         ". It fits as well if {}: then the joint_map is {}, and the base is turned otherwise. These points cannot tell which of both it \
                          is: move joint {joint} alone at the controller and look which way it turns, or measure in the base frame",
-                        other.words(),
+                        other.words(self.robot),
                         in_words(&other.joint_map(self.robot))
                     )
                 });
@@ -345,7 +345,7 @@ impl<'a> Suspect<'a> {
         };
         let detail = format!(
             "{frame}. It fits as well if {}: then the robot's joint_map is {}. Look at the controller which of both it is: with the wrong one the base is turned",
-            convention.words(),
+            convention.words(self.robot),
             in_words(&convention.joint_map(self.robot))
         );
         Explanation::Refusal(suspicion("frame_suspect", None, detail))
@@ -417,7 +417,7 @@ impl<'a> Suspect<'a> {
         let off = off.map_or(String::new(), |off| {
             format!(", with joint values that are off by {off}")
         });
-        let also = format!(", and if {}{off}", convention.words());
+        let also = format!(", and if {}{off}", convention.words(self.robot));
         Some(self.frame(&with(candidate.rms_mm), &also))
     }
 
