@@ -106,6 +106,39 @@ fn files_that_are_joined_by_time_have_their_poses_their_table_and_a_remark_the_s
 }
 
 #[test]
+fn a_point_under_two_groups_asks_which_group_is_read() {
+    let Some(driver) = Driver::start() else {
+        return;
+    };
+    let hall = Plant::open();
+    let robot = hall.robot("Cell 33", "ER20-0153");
+    let key = hall.key(&["read", "upload", "identify"]);
+    let [log, export] = files(&hall, ["Point", "Group,Point"], |row| {
+        [format!("P{row}"), format!("Measured,P{row}")]
+    });
+    let measured = std::fs::read_to_string(&export).unwrap();
+    let nominal = measured.lines().skip(1);
+    let nominal: Vec<String> = nominal
+        .map(|line| line.replace("Measured", "Nominals"))
+        .collect();
+    std::fs::write(&export, measured + &nominal.join("\n")).unwrap();
+    in_browser(&driver, &hall.server, async |browser: &Browser| {
+        sign_in(browser, &key).await;
+        give_both(browser, &robot, &[log, export]).await;
+        browser
+            .until_it_says("stands under several groups, and 94 other names too")
+            .await;
+        let groups = browser.find("#columns-groups").await;
+        groups.send_keys("Measured").await.unwrap();
+        browser.button("Read it so").await.click().await.unwrap();
+        browser
+            .until_it_says("95 points in 95 configurations")
+            .await;
+        browser.assert_quiet(&[422]).await;
+    });
+}
+
+#[test]
 fn names_that_do_not_pair_are_asked_for_on_a_phone_and_the_chosen_column_is_read() {
     let Some(driver) = Driver::start() else {
         return;
