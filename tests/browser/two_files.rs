@@ -121,7 +121,7 @@ fn a_point_under_two_groups_asks_which_group_is_read() {
     let nominal: Vec<String> = nominal
         .map(|line| line.replace("Measured", "Nominals"))
         .collect();
-    std::fs::write(&export, measured + &nominal.join("\n")).unwrap();
+    std::fs::write(&export, format!("{measured}{}", nominal.join("\n"))).unwrap();
     in_browser(&driver, &hall.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         give_both(browser, &robot, &[log, export]).await;

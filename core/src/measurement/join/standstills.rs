@@ -6,8 +6,8 @@ use crate::measurement::join::clock::Standstill;
 pub const MIN_STANDSTILL_ROWS: usize = 3;
 /// Two standstills in a row are separated by a motion of at least this many times the limit. Below that they are one: the longer of them counts.
 const CLEAR_MOTION: f64 = 5.0;
-/// Between the first and the last third of a standstill, the mean moves by less than this share of the limit. A slow part of a motion, as at its
-/// ends, moves by two thirds of it.
+/// From the first to the second half of a standstill, the median moves by less than this share of the limit. A slow part of a motion moves by half
+/// of the limit; a few slow rows before or after a standstill do not move its medians.
 const MAX_DRIFT: f64 = 0.25;
 
 /// A log in the order of time.
@@ -99,11 +99,9 @@ impl Log {
         let before = (0..first).rev().take_while(is_near).count();
         let behind = (end..self.rows.len()).take_while(is_near).count();
         let (first, end) = (first - before, end + behind);
-        let third = (end - first) / 3;
-        let is_settled = third > 0 && {
-            let [a, b] = [self.mean(first, first + third), self.mean(end - third, end)];
-            (self.distance)(&a, &b) <= MAX_DRIFT * self.limit
-        };
+        let half = first + (end - first) / 2;
+        let [a, b] = [self.median(first, half), self.median(half, end)];
+        let is_settled = (self.distance)(&a, &b) <= MAX_DRIFT * self.limit;
         is_settled.then_some(Span { first, end, middle })
     }
 
@@ -119,14 +117,6 @@ impl Log {
             let mut values: Vec<f64> = (first..end).map(|row| self.values[row][column]).collect();
             values.sort_by(f64::total_cmp);
             values[values.len() / 2]
-        };
-        (0..self.values[first].len()).map(of_column).collect()
-    }
-
-    fn mean(&self, first: usize, end: usize) -> Vec<f64> {
-        let of_column = |column: usize| {
-            let sum: f64 = (first..end).map(|row| self.values[row][column]).sum();
-            sum / (end - first) as f64
         };
         (0..self.values[first].len()).map(of_column).collect()
     }
