@@ -9,11 +9,11 @@ use crate::calibration::request::{CalibrationRequest, CorrectionsChoice, Preset}
 use crate::calibration::validation::robust_comparison::robust_comparison;
 use crate::calibration::{Event, Monitor};
 use crate::identification::corrections::corrected::{CorrectedModel, IdentifiedRobot};
-use crate::identification::corrections::{Evidence, Fitted, Setting, Term, select};
+use crate::identification::corrections::{COMPLIANCE, Evidence, Fitted, Setting, select};
 use crate::identification::least_squares::start::{fit_base_and_targets, place};
+use crate::identification::model::correction_terms::Term;
 use crate::identification::model::objective::{Observation, weighted_residuals};
 use crate::identification::model::pose_rows::rotation_residual_rad;
-use crate::identification::model::priors::Prior;
 use crate::identification::{self, KinematicModel};
 use crate::kinematics::compliance::{moments, rigid_chain};
 use crate::kinematics::{MeasuredRegion, Mounting, reach_mm};
@@ -120,27 +120,25 @@ impl Points {
 }
 
 /// Everything that stays the same in all fits of corrections.
-pub(super) fn setting<'a>(
-    problem: &'a Problem<'_>,
-    nominal: &'a KinematicModel,
-    priors: &'a [Prior],
-    points: &'a Points,
-) -> Setting<'a> {
+pub(super) fn setting<'a>(problem: &Problem<'_>, points: &'a Points) -> Setting<'a> {
     let request = problem.request;
+    let nominal = delivered(problem, &problem.nominal);
+    let mounting = by_level(request, &nominal)
+        .or(request.robot.mounting)
+        .unwrap_or(Mounting {
+            gravity_in_base: -Vector3::z(),
+            std_rad: USUAL_MOUNTING_STD_RAD,
+        });
+    let mut links = problem
+        .rows(&points.observations, &[])
+        .with_stations(&points.set_ups);
+    links.reference = nominal;
     Setting {
-        nominal,
-        mounting: by_level(request, nominal)
-            .or(request.robot.mounting)
-            .unwrap_or(Mounting {
-                gravity_in_base: -Vector3::z(),
-                std_rad: USUAL_MOUNTING_STD_RAD,
-            }),
+        links,
+        mounting,
         payload: request.payload,
-        parameters: &problem.parameters,
-        scale: &problem.decomposition.scale,
-        priors,
         observations: &points.observations,
-        set_ups: &points.set_ups,
+        stations: &points.set_ups,
     }
 }
 
@@ -225,7 +223,7 @@ pub fn mounting_contradicted(problem: &Problem<'_>, found: &Found) -> Option<War
 fn gives_against_gravity(problem: &Problem<'_>, found: &Found) -> bool {
     let is_clear = |tried: &Evidence| {
         let least_mm2 = CONTRADICTED_SIGMAS * tried.standard_error_mm2;
-        tried.kept && tried.kind.starts_with("stiffness") && tried.gain_mm2 > least_mm2
+        tried.kept && tried.kind == COMPLIANCE && tried.gain_mm2 > least_mm2
     };
     let Some(corrected) = found.corrected.as_ref() else {
         return false;
@@ -352,9 +350,8 @@ pub fn corrections(
     let Some(variance) = points.variance(problem, model) else {
         return nothing;
     };
-    let nominal = delivered(problem, &problem.nominal);
-    let priors = problem.determined(model, observations).priors;
-    let setting = setting(problem, &nominal, &priors.all, &points);
+    let setting = setting(problem, &points);
+    let n_links = setting.links.reference.links.len();
     let start = Fitted {
         motions: vec![IsometryMatrix3::identity(); points.n_motions],
         model: delivered(problem, model),
@@ -374,11 +371,11 @@ pub fn corrections(
     ) else {
         return nothing;
     };
-    let is_kept = selected.evidence.last().is_some_and(|all| all.kept);
+    let is_kept = selected.evidence.iter().any(|tried| tried.kept);
     let corrected = is_kept.then(|| CorrectedModel {
         model: selected.fitted.model.clone(),
         corrections: selected.corrections,
-        region: region(observations, nominal.links.len()),
+        region: region(observations, n_links),
     });
     Found {
         evidence: selected.evidence,
@@ -396,16 +393,13 @@ pub fn refit(
 ) -> Option<(CorrectedModel, Fitted)> {
     let (fitted, kept) = (found.fitted.as_ref()?, found.corrected.as_ref()?);
     let points = Points::new(problem, model);
-    let observations = &points.observations;
-    let nominal = delivered(problem, &problem.nominal);
-    let priors = problem.determined(model, observations).priors;
     // With other points, other set-ups may have enough points.
     let start = Fitted {
         motions: vec![IsometryMatrix3::identity(); points.n_motions],
         ..fitted.clone()
     };
     let (fitted, corrections) = identification::corrections::refit(
-        &setting(problem, &nominal, &priors.all, &points),
+        &setting(problem, &points),
         &start,
         kept.corrections.residual.is_some(),
         problem.request.residual_network.as_ref(),
@@ -414,7 +408,7 @@ pub fn refit(
     let corrected = CorrectedModel {
         model: fitted.model.clone(),
         corrections,
-        region: region(observations, nominal.links.len()),
+        region: region(&points.observations, fitted.model.links.len()),
     };
     Some((corrected, fitted))
 }

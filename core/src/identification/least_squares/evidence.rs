@@ -41,7 +41,7 @@ const SIGNIFICANCE_LEVEL: f64 = 1e-3;
 pub struct Evidence {
     /// σ, standard deviation of a row of weight 1, mm.
     pub sigma_mm: f64,
-    /// g, the factor by which the priors of each kind are wider than at the start; at least 1. In the order of [`KINDS`].
+    /// g, the factor by which the priors of each kind are wider than at the start; at least [`Kind::min_growth`]. In the order of [`KINDS`].
     pub prior_growth: [f64; KINDS.len()],
     /// Prior standard deviation of each coordinate.
     pub widths: Vec<f64>,
@@ -73,6 +73,7 @@ impl Noise {
 }
 
 /// The rows of a problem at a fit, reduced to a triangle: |residuals + J·step|² = |right + R·step|² + rest.
+#[derive(Clone, Debug)]
 pub struct Triangle {
     /// R, p × p, upper triangle.
     r: DMatrix<f64>,
@@ -153,6 +154,14 @@ impl Evidence {
         }
     }
 
+    /// Prior standard deviations in the units of the variables, mm or rad.
+    pub fn prior_stds(&self, problem: &Problem<'_>) -> Vec<f64> {
+        let widths = self.widths.iter().zip(&problem.variables);
+        widths
+            .map(|(width, variable)| width * variable.width)
+            .collect()
+    }
+
     /// True if noise and widths equal those of `other` to within a relative difference.
     pub fn is_near(&self, other: &Self, difference: f64) -> bool {
         let near = |(a, b): (&f64, &f64)| (a - b).abs() <= difference * b;
@@ -182,7 +191,7 @@ impl Evidence {
                 determined += posterior.data_share[j];
             }
             if determined > MIN_DETERMINED {
-                next.prior_growth[k] = (squares / determined).sqrt().max(1.0);
+                next.prior_growth[k] = (squares / determined).sqrt().max(kind.min_growth());
             }
             let g2 = next.prior_growth[k] * next.prior_growth[k];
             for j in (0..x.len()).filter(of_kind) {
@@ -219,6 +228,22 @@ impl Triangle {
         }
     }
 
+    /// The triangle of the rows of several triangles of one problem.
+    pub fn of_all<'t>(triangles: impl Iterator<Item = &'t Self>) -> Self {
+        let mut all: Option<Self> = None;
+        for triangle in triangles {
+            match &mut all {
+                None => all = Some(triangle.clone()),
+                Some(all) => {
+                    all.append(&[(triangle.r.clone(), triangle.right.clone())]);
+                    all.rest += triangle.rest;
+                    all.n_rows = all.n_rows + triangle.n_rows - triangle.right.len();
+                }
+            }
+        }
+        all.unwrap_or_else(|| Self::empty(0))
+    }
+
     /// Appends rows. Each block has derivatives and residuals.
     pub fn append(&mut self, blocks: &[(DMatrix<f64>, Vec<f64>)]) {
         let p = self.right.len();
@@ -245,9 +270,9 @@ impl Triangle {
         self.is_flat[coordinates].fill(false);
     }
 
-    /// Sets the expected values of the first coordinates from a problem. All others have a flat prior.
-    pub fn expect(&mut self, problem: &Problem<'_>) {
-        for (j, variable) in problem.variables.iter().enumerate() {
+    /// Sets the expected values of the first `n` coordinates from a problem. All others have a flat prior.
+    pub fn expect(&mut self, problem: &Problem<'_>, n: usize) {
+        for (j, variable) in problem.variables.iter().take(n).enumerate() {
             self.expected[j] = problem.expected(j);
             self.is_flat[j] = variable.prior == Prior::Flat;
         }
