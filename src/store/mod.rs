@@ -95,6 +95,7 @@ pub fn all_queries(engine: Engine) -> Vec<String> {
         Engine::Sqlite => [
             leases::QUERIES_SQLITE,
             backup::QUERIES_SQLITE,
+            stuck::QUERIES_SQLITE,
             verify::QUERIES_SQLITE,
         ]
         .concat(),
