@@ -84,7 +84,7 @@ pub use parameter_sets::{CheckedState, NewParameterSet, ParameterSetRow, Release
 pub use policies::PolicyRow;
 pub use robot_versions::RobotEdit;
 pub use robots::{NewRobot, RobotCheck, RobotRow};
-pub use verifications::VerificationRow;
+pub use verifications::{ScoredRelease, VerificationRow};
 
 pub use crate::wire::job_answer::JobStatus;
 pub use crate::wire::parameter_set::ParameterSetStatus;
