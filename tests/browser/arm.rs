@@ -357,3 +357,69 @@ fn no_page_scrolls_sideways_on_a_desk_a_tablet_or_a_phone() {
         browser.assert_quiet(&[]).await;
     });
 }
+
+#[test]
+fn a_long_result_has_links_to_its_parts_and_the_robots_page_shows_the_arm_that_runs() {
+    let Some(driver) = Driver::start() else {
+        return;
+    };
+    let hall = Plant::open();
+    let robot = hall.robot("Cell 45", "ER20-0165");
+    let job = hall.identified(&robot, "first_noisy.csv");
+    hall.release(&job, "the first one");
+    let key = hall.key(&["read", "upload", "identify", "release"]);
+    in_browser(&driver, &hall.server, async |browser: &Browser| {
+        sign_in(browser, &key).await;
+        for size in [DESKTOP, PHONE] {
+            browser.look(Look { size, dark: false }).await;
+            browser.go(&job_page(&job)).await;
+            browser.until("document.querySelector('.contents a')").await;
+            let parts = browser
+                .run("return [...document.querySelectorAll('.contents a')].map((a) => a.innerText)")
+                .await;
+            for part in [
+                "What to do next",
+                "Parameter set",
+                "Parameters",
+                "Export: take it along",
+            ] {
+                let parts = parts.as_array().unwrap();
+                assert!(parts.iter().any(|one| one == part), "{part}: {parts:?}");
+            }
+            // by the keyboard
+            browser
+                .run("[...document.querySelectorAll('.contents a')].find((a) => a.innerText === 'Parameters').focus()")
+                .await;
+            browser.press(Key::Enter).await;
+            browser
+                .until("document.activeElement.innerText === 'Parameters' && document.activeElement.matches('h2')")
+                .await;
+            let seen = browser
+                .run("const { top } = document.activeElement.getBoundingClientRect(); return top >= 0 && top < innerHeight / 4")
+                .await;
+            assert_eq!(seen, json!(true), "its heading is at the top");
+            assert!(
+                browser
+                    .run("return location.hash")
+                    .await
+                    .as_str()
+                    .unwrap()
+                    .contains("/jobs/")
+            );
+        }
+        browser
+            .look(Look {
+                size: DESKTOP,
+                dark: false,
+            })
+            .await;
+        browser.go(&format!("/#/robots/{robot}")).await;
+        browser
+            .until_it_says("by the parameters of the active set")
+            .await;
+        browser
+            .until("document.querySelector('figure.arm canvas.scene')")
+            .await;
+        browser.assert_quiet(&[]).await;
+    });
+}
