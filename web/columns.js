@@ -55,7 +55,7 @@ function soFar(file, said) {
 }
 
 /** Encodings of tables that have lines. */
-export const BY_LINES = ["utf-8", "windows-1252"];
+const BY_LINES = ["utf-8", "windows-1252"];
 
 const meaningOf = ({ means, unit }) => (unit ? `${means}_${unit}` : means);
 
@@ -66,9 +66,6 @@ export function mappingOf(understood, change = (column) => column) {
   return { ...Object.fromEntries(understood.columns.map((column) => [meaningOf(change(column)), column.number])), ...understood.ignored.length > 0 ? { ignore: understood.ignored } : {},
     ...isTable ? { separator: understood.separator, decimal: understood.decimal } : { sheet: understood.sheet }, ...understood.header_row === null ? { header_row: false } : {} };
 }
-
-/** Whether a file has the names and the separator of the documentation, and needs no mapping. */
-export const isPlain = (understood) => !understood || (understood.columns.every((column) => column.column === meaningOf(column)) && understood.separator === "," && understood.decimal === "point");
 
 /** A mapping with what was chosen of a file, or of each of two files. */
 export function withChoices(columns, choices) {

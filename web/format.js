@@ -132,14 +132,11 @@ export const unitOf = (name) => (/^(alpha|theta_offset|beta)_|^base_r[xyz]/.test
 const PARAMETERS = /\b(?:(?:alpha|theta_offset|beta)_\d+|[ad]_\d+|base_r?[xyz]|target_\d+(?:_[xyz])?)\b/g;
 /** Words that only programs need, and those that people say. */
 const FOR_PEOPLE = [
-  // of a set that is far off the file is not to blame; the robot's page says which of the two it is
-  [/the file of (job \w+) does not fit this robot and its parameter set: is the file/, "the session of $1 speaks against this robot or its parameter set: is the file"],
-  [/the robot is in the state check_robot: the session of (job \w+) did not fit it\. It/, "the session of $1 speaks against this robot. It"],
   [/min_mm is the lowest corner and max_mm the highest/g, "each number \"from\" has to be below its number \"to\""],
   [/ \(flange_rotation_std_deg\)|: flange_rotation_std_deg/g, ""],
   [/\/keep_out\/(\d+): ?/g, (_, i) => `Box ${Number(i) + 1}: `], [/\/set_ups\/(\d+): ?/g, (_, i) => `Place ${Number(i) + 1}: `], [/\bmin_mm\b/g, "from"], [/\bmax_mm\b/g, "to"], [/\bchange_reason\b/g, "a reason for the change"],
   [/\bserial_number\b/g, "serial number"], [/\bjoint_map\b/g, "joint map"], [/\bjoint_limits_deg\b/g, "joint limits"], [/\bsame_upload\b/g, "same upload"], [/\bindependent_session\b/g, "independent session"], [/\bcheck_robot\b/g, "check this robot"],
-  [/ (\d(?:\.\d+)?)e-(\d+)\b/g, (_, mantissa, exponent) => ` ${Number(exponent) > 6 ? "below 0.000001" : Number(`${mantissa}e-${exponent}`).toFixed(Number(exponent) + 1)}`], [/ ?\(\d+(?:\.\d+)? σ\)/g, ""], [/`/g, ""]];
+  [/`/g, ""]];
 
 /** A sentence of the service, without what only programs need. */
 export const plain = (text) => FOR_PEOPLE.reduce((said, [word, words]) => said.replace(word, words), String(text).replace(MAPPING, " below").replace(PARAMETERS, parameter)).replace(/([?!])\.$/, "$1");

@@ -1,18 +1,17 @@
-// Points to leave out, and the calibration without them: their file is uploaded once more without their rows, under a name that says which and why, so
-// that both files are kept and nothing is hidden.
+// Points to leave out, and the calibration without them: the points are uploaded once more without them, under a name that says which and why, so
+// that both sets are kept and nothing is hidden.
 
 import { blob, get, post } from "./api.js";
-import { BY_LINES, isPlain, mappingOf } from "./columns.js";
 import { rowsOf } from "./csv.js";
 import { el, fill, problem, say } from "./dom.js";
 import { pointsPath, rowsOfSet } from "./rows.js";
-import { nPoints, placeOf } from "./sessions.js";
+import { nPoints } from "./sessions.js";
 
 /** The form, and which points are left out; null for points that were only scored. `sets` are the sessions of the job. For a key that may not, `locked` says why. */
 export function leavingOut({ job, sets, points, robot, may, why, name, changed }) {
   if (job.kind !== "identify") return null;
   const scope = ["upload", "identify"].find((one) => !may(one));
-  if (scope) return { excluded: new Set(), node: false, toggle: () => {}, may: () => false, byHand: () => false, locked: why(scope, "leave a point out") };
+  if (scope) return { excluded: new Set(), node: false, toggle: () => {}, may: () => false, locked: why(scope, "leave a point out") };
   const excluded = new Set();
   const out = el("div", {});
   const reason = el("input", { id: "exclude-reason", maxlength: 100, required: true });
@@ -21,7 +20,7 @@ export function leavingOut({ job, sets, points, robot, may, why, name, changed }
   const node = el("form.leave", { hidden: true, submit: async (event) => {
     event.preventDefault();
     button.disabled = true;
-    fill(out, el("p.quiet", {}, "Uploading the file without them …"));
+    fill(out, el("p.quiet", {}, "Uploading the points without them …"));
     try {
       const { request } = await get(`/v1/jobs/${job.id}`);
       const ids = await withoutThem({ sets, points, robot, excluded, reason: reason.value });
@@ -42,8 +41,7 @@ export function leavingOut({ job, sets, points, robot, may, why, name, changed }
     say(excluded.has(i) ? `${name(i)} will be left out` : `${name(i)} stays`);
     changed();
   };
-  const setOf = (i) => placeOf(sets, i)?.set;
-  return { excluded, node, toggle, may: (i) => i < nPoints(sets) && !byHand(setOf(i)), byHand: (i) => i < nPoints(sets) && byHand(setOf(i)) };
+  return { excluded, node, toggle, may: (i) => i < nPoints(sets) };
 }
 
 /** Whether some of the points were kept aside. */
@@ -65,12 +63,6 @@ async function withoutThem({ sets, points, robot, excluded, reason }) {
     if (rows.length > 0 || (halves && sets.length > 1)) ids.set(set.id, (await uploadWithout(robot, set, rows, halves, named)).id);
   }
   return ids;
-}
-
-/** What to do where a row cannot be taken out of the file of a set here; false where it can. Of two files the joined points are uploaded. */
-function byHand({ joined, understood }) {
-  const isReadable = joined || !understood || BY_LINES.includes(understood.encoding);
-  return !isReadable && "To leave it out, delete its row from the file, say why in the file's name, and upload it on the robot's page.";
 }
 
 /** Longest name of a set. */
@@ -119,38 +111,12 @@ function statedOf({ frame, instrument, reference, record, serial_number: serial,
   return Object.fromEntries(Object.entries(all).filter(([, value]) => value !== undefined && value !== null && value !== false));
 }
 
-/** What goes beside a JSON body: its own instrument stands in it. */
-function besides(whole, stated) {
-  const { range_std_mm: length, range_std_mm_per_m: perMetre, angle_std_deg: angle, instrument_levelled: levelled, ...rest } = stated;
-  return whole.instrument ? rest : stated;
-}
-
-/** Uploads a set without some rows; `halves` are those of its points where the new set has to state them, else null. */
+/** Uploads the points of a set as the service reads them, without some rows, whatever file they came in; `halves` are those of its points where the new set has to state them, else null. */
 async function uploadWithout(robot, set, rows, halves, name) {
-  const send = (body, type, columns, stated = statedOf(set)) => post(`/v1/robots/${robot.id}/measurement-sets?${new URLSearchParams({ ...stated, ...columns ? { columns: JSON.stringify(columns) } : {}, name })}`, body, type);
-  const stays = (_, i) => !rows.includes(i);
-  const asTable = async () => {
-    const table = await (await blob(pointsPath(set))).text();
-    // its poses have quaternions, which need no convention
-    const { rotation: _, ...stated } = statedOf(set);
-    return send(tableOf(table, rows, halves), "text/csv", undefined, stated);
-  };
-  if (set.joined) return asTable();
-  const file = await blob(`/v1/measurement-sets/${set.id}/points`);
-  if (file.type.startsWith("application/json")) {
-    const whole = JSON.parse(await file.text());
-    return send(JSON.stringify({ ...whole, name, points: whole.points.map((p, i) => (halves ? { ...p, subset: halves[i] } : p)).filter(stays) }), "application/json", undefined, besides(whole, statedOf(set)));
-  }
-  const isStated = set.understood?.columns.some(({ means }) => means === "subset");
-  if (halves && !isStated) {
-    const added = isPlain(set.understood) && withHalves(binaryOf(new Uint8Array(await file.arrayBuffer())), (await rowsOfSet(set)).lines, set.understood.header_row, halves);
-    // a file of another form is uploaded as the service reads it
-    if (!added) return asTable();
-    return send(bytesOf(withoutLines(added, rows, (await rowsOfSet(set)).lines)), "text/csv");
-  }
-  const { lines } = await rowsOfSet(set);
-  const bytes = new Uint8Array(await file.arrayBuffer());
-  return send(bytesOf(withoutLines(binaryOf(bytes), rows, lines)), "text/csv", isPlain(set.understood) ? undefined : mappingOf(set.understood));
+  const table = await (await blob(pointsPath(set))).text();
+  // its poses have quaternions, which need no convention
+  const { rotation: _, ...stated } = statedOf(set);
+  return post(`/v1/robots/${robot.id}/measurement-sets?${new URLSearchParams({ ...stated, name })}`, tableOf(table, rows, halves), "text/csv");
 }
 
 /** The points as the service reads them, without some rows. */
@@ -160,39 +126,4 @@ function tableOf(text, rows, halves) {
   const lines = [at < 0 && halves ? [...header, "subset"] : header, ...all.map((cells, i) => (!halves ? cells : at < 0 ? [...cells, halves[i]] : cells.with(at, halves[i]))).filter((_, i) => !rows.includes(i))];
   const quoted = (cell) => (/[",\r\n]/.test(cell) ? `"${cell.replaceAll("\"", "\"\"")}"` : cell);
   return `${lines.map((cells) => cells.map(quoted).join(",")).join("\n")}\n`;
-}
-
-/** A table with a column for the halves, every cell as it was; null where its lines are not one row each. */
-function withHalves(text, lines, headerRow, halves) {
-  const all = text.split(/\r\n|\n|\r/);
-  const cells = (line) => all[line - 1]?.split(",").length;
-  if (!lines || text.includes("\"") || !headerRow || lines.some((line) => cells(line) !== cells(headerRow))) return null;
-  all[headerRow - 1] += ",subset";
-  lines.forEach((line, i) => { all[line - 1] += `,${halves[i]}`; });
-  return all.join("\n");
-}
-
-/** Bytes as a text with a character for each, so that what stays of them stays as it is. */
-function binaryOf(bytes) {
-  let text = "";
-  for (let at = 0; at < bytes.length; at += CHUNK) text += String.fromCharCode(...bytes.subarray(at, at + CHUNK));
-  return text;
-}
-
-/** Bytes that are turned into characters at once. */
-const CHUNK = 0x8000;
-
-const bytesOf = (binary) => Uint8Array.from(binary, (char) => char.charCodeAt(0));
-
-/** A table without some points, which stand on these lines; every other line stays as it is. */
-function withoutLines(text, left, lines) {
-  if (!lines) throw { title: "This file cannot be shortened here", detail: "Its rows are read in another way than this page reads them. Take the rows out of the file yourself, and upload it." };
-  const all = text.split(/\r\n|\n|\r/);
-  const gone = new Set();
-  for (const i of left) {
-    // a cell in quotes may go on over several lines
-    const end = text.includes("\"") ? lines[i + 1] ?? all.length + 1 : lines[i] + 1;
-    for (let line = lines[i]; line < end; line += 1) gone.add(line);
-  }
-  return `${all.filter((_, i) => !gone.has(i + 1)).join("\n").replace(/\n+$/, "")}\n`;
 }

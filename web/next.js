@@ -233,16 +233,23 @@ export function startButton(text, { job, robot, set }, changes, out, kind = "but
   } }, text);
 }
 
+/** Where a robot misses points that are its own. */
+const HAS_CHANGED = "The robot, its base or its tool is not as it was when this set was identified. A quick check names what changed; a calibration identifies the robot anew.";
+
 /** What to do about a result that is of no use; by one click where one is enough. */
 function remedy(code, { job, robot, set, may }) {
   const out = el("div", {});
   const again = (text, changes) => may("identify") && startButton(text, { job, robot, set }, changes, out);
   const page = el("a.button", { href: `#/robots/${robot.id}` }, `To ${robot.name}`);
+  const scored = job.parameter_set_from;
+  // points of a file that is in doubt are no points to calibrate with
+  const changedWays = (areOfRobot) => el("div.actions", {}, job.kind !== "identify" && scored && may("identify") && startButton("Quick check", { job: null, robot, set }, { kind: "check", parameter_set_id: scored }, out),
+    areOfRobot && startButton("Calibrate with these points", { job, robot, set }, { kind: "identify", parameter_set_id: undefined }, out, job.kind !== "identify" ? "button" : "button.primary"));
   const known = {
     model_too_small: [el("p", {}, "These points need a model with base and reflector, which the paper's model has not."), el("div.actions", {}, again("Calibrate again with the complete model", { model: "complete", frames_id: undefined, preset: "default" }))],
     joint_map_suspect: [el("p", {}, "Joints are counted otherwise than the robot's joint map says, or the file's axes are mirrored. Check x, y and z of the export first, then the joint that the warning names. Then calibrate again."), el("div.actions", {}, page)],
-    set_far_off: [el("p", {}, "The robot is not as it was when this set was identified, or its base or its tool was moved. A quick check names what changed; a calibration identifies the robot anew."),
-      el("div.actions", {}, job.kind !== "identify" && may("identify") && startButton("Quick check", { job: null, robot, set }, { kind: "check", ...job.parameter_set_from ? { parameter_set_id: job.parameter_set_from } : {} }, out), may("identify") && startButton("Calibrate with these points", { job, robot, set }, { kind: "identify", parameter_set_id: undefined }, out, job.kind !== "identify" ? "button" : "button.primary"))],
+    set_far_off: [el("p", {}, HAS_CHANGED), changedWays(may("identify"))],
+    session_does_not_fit: [el("p", {}, `Check the file first: is it of this robot, in this frame, with joints and positions of the same rows? Pick a point in the arm below and compare the posture with the cell. If the file is right: ${HAS_CHANGED}`), changedWays(false), el("div.actions", {}, page)],
     not_converged: [el("p", {}, "The search ended before it had settled, so nothing can be said of the points. The automatic method searches until it has settled."), el("div.actions", {}, again("Calibrate again with the automatic method", { method: "auto", preset: "default", options: undefined }))],
     no_better_than_nominal: [el("p", {}, "Leave out points that do not fit, or measure more poses that move every joint, and calibrate again."), el("div.actions", {}, el("a.button", { href: `#/robots/${robot.id}/plan` }, "Plan the poses to measure"))],
   };

@@ -3,6 +3,7 @@
 import { get, list, post } from "./api.js";
 import { checkTables, checkVerdict } from "./check.js";
 import { convergence, histogram, IDENTIFIED, interval, RECALIBRATED, VERIFIED } from "./figures.js";
+import { contents } from "./contents.js";
 import { el, fill, problem, say, table, warning } from "./dom.js";
 import { capital, correctionTitle, count, error, EVIDENCE, fixed, method, mm, number, parameter, plain, sessionOf, signed, span, when } from "./format.js";
 import { gateItems } from "./gate_texts.js";
@@ -12,7 +13,7 @@ import { decisions, statusBadge } from "./robot.js";
 import { facts, overviewOf } from "./robots.js";
 import { endedEarly, nextSteps, uselessBy } from "./next.js";
 import { resultPoints } from "./result_points.js";
-import { saveButton } from "./save.js";
+import { fileStem, saveButton } from "./save.js";
 import { nPoints, sessionsCard, setNames } from "./sessions.js";
 import { files, origin } from "./take_along.js";
 import { asksToLook, foundAgainst, foundBadge } from "./verdicts.js";
@@ -41,9 +42,10 @@ export async function result(body, context, { job, robot, sets, verified }) {
   const steps = (current) => fill(next, nextSteps({ report, job, robot, set, parameterSet: current, verified, outliers: drawn.outliers, later }, context));
   steps(parameterSet);
   const swarm = curve.iteration.length > 1 && convergence(curve, costWords(report, curve));
-  fill(body, report.check ? checkVerdict(report, { robot, set: verified, may: context.may }) : job.kind !== "identify" ? score(report, half, verified, byHandIn(sets), job) : verdict(report, half, isPartial(job) ? "held parameter set" : "nominal robot", byHandIn(other ? [other] : sets), later), next, summary(report, half, job, verified, later), parameterSet && !noUse(report) && decision(parameterSet, context, steps, robot, half),
+  fill(body, report.check ? checkVerdict(report, { robot, set: verified, may: context.may }) : job.kind !== "identify" ? score(report, half, verified, byHandIn(sets), job) : verdict(report, half, isPartial(job) ? "held parameter set" : "nominal robot", byHandIn(other ? [other] : sets), later), next, summary(report, half, job, verified, later), parameterSet && !noUse(report) && decision(parameterSet, context, steps, robot, half, set),
     report.check && checkTables(report), sessionsCard(report, sets), report.warnings.filter((remark) => !isSetUp(remark, report, set)).map(warning), drawn.cell, drawn.errors, el("div.two", {}, errorTable(report, job, sets, drawn.name), histogram(report.per_point, names)), drawn.table,
     parameterTable(report), priors(report), pairs([swarm, comparison(report)].flat().filter(Boolean)), corrections(report), repeatability(report), changed(report, set), parameterSet && !noUse(report) && workspaceCard(robot, parameterSet), files(job, sets, parameterSet, drawn.download, robot), origin(report, sets, parameterSet, job));
+  next.before(contents(body));
 }
 
 /** The newest session that scored a parameter set after it was identified: {job, report, against}; null if there is none. */
@@ -163,14 +165,14 @@ function summary(report, half, job, verified, later) {
 }
 
 /** The state of the parameter set and what this user may do with it. */
-function decision(parameterSet, context, steps, robot, half) {
+function decision(parameterSet, context, steps, robot, half, set) {
   const node = el("section.card.decision", { "aria-label": "Parameter set", tabindex: -1 });
   const draw = (current, said) => {
     const again = (action, title) => () => ask(action, title, current, draw, robot, half);
     const buttons = [];
     if (context.may("release") && ["candidate", "superseded"].includes(current.status)) buttons.push(el("button.primary.release", { type: "button", click: again("release", "Release this parameter set") }, current.status === "candidate" ? "Release …" : "Release again …"));
     if (context.may("release") && ["released", "candidate"].includes(current.status)) buttons.push(el("button.danger", { type: "button", click: again("withdraw", "Withdraw this parameter set") }, "Withdraw …"));
-    buttons.push(saveButton("Download parameters", `/v1/parameter-sets/${current.id}`, current.id, ".json"), el("button", { type: "button", click: toExports }, "Export …"));
+    buttons.push(saveButton("Download parameters", `/v1/parameter-sets/${current.id}`, fileStem(robot, set, current.id), ".json"), el("button", { type: "button", click: toExports }, "Export …"));
     const history = decisions(current).map((sentence) => el("p.quiet.reason", {}, sentence));
     fill(node, said && el("div.done", {}, el("p", {}, said)), el("div.head", {}, el("div", {}, el("h2", {}, "Parameter set ", statusBadge(current.status)), el("p.quiet", {}, MEANING[current.status] ?? ""), history), el("div.actions", {}, buttons)));
     const remarks = (current.release_checks ?? []).filter((gate) => gate.warning);

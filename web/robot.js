@@ -10,7 +10,7 @@ import { SOON_JUDGED, startButton, verifyLink, verifyPage } from "./next.js";
 import { isRunning, whileRunning } from "./polling.js";
 import { postureCard } from "./posture.js";
 import { facts, overviewOf, standing } from "./robots.js";
-import { saveButton, savePoints } from "./save.js";
+import { fileStem, saveButton, savePoints } from "./save.js";
 import { selection } from "./selection.js";
 import { setNames, setsOfJob } from "./sessions.js";
 import { uploadCard } from "./upload.js";
@@ -38,7 +38,7 @@ export async function robotPage({ main, signal, may, why, query }, id, part) {
   const draw = () => {
     fill(top, head(shown), archived(shown.robot), checkRobot(shown), failure(shown.stand.lastJob), known(shown));
     fill(steps, shown.stand.newest ? guide(shown) : firstSteps(shown));
-    fill(results, !shown.stand.newest && nominalArm(robot), history(shown.entries, shown.stand.sessions, shown.nameOf), section("Parameter sets", parameterSets(shown), isNew));
+    fill(results, !shown.stand.newest && armOf(shown), history(shown.entries, shown.stand.sessions, shown.nameOf), section("Parameter sets", parameterSets(shown), isNew), shown.stand.newest && armOf(shown));
     fill(runs, jobTable(shown.jobs));
   };
   const uploaded = (set) => {
@@ -107,8 +107,11 @@ function toCalibration() {
   (stored ?? card)?.scrollIntoView();
 }
 
-/** The arm as it was registered, to compare with the one in the cell. */
-const nominalArm = (robot) => armFigure({ title: "The robot", level: "h2", caption: "The nominal arm at rest. Compare it with the one in the cell.", robot, points: [], selected: selection(0) }).node;
+/** The arm at rest, to compare with the one in the cell: by the parameters that the cell runs, or as it was registered. */
+function armOf({ robot, stand: { active } }) {
+  const caption = active ? "The arm at rest, by the parameters of the active set. They differ from the nominal ones by less than can be seen here." : "The nominal arm at rest. Compare it with the one in the cell.";
+  return armFigure({ title: "The robot", level: "h2", caption, robot: active ? { ...robot, links: active.links } : robot, points: [], selected: selection(0) }).node;
+}
 
 /** Why the newest job failed. Its page starts it again. */
 function failure(job) {
@@ -137,7 +140,7 @@ function checkRobot(shown) {
   if (robot.state !== "check_robot") return [];
   const session = sessions.find(({ job }) => job.id === robot.check_job_id);
   const { isFarOff, sentence } = asksToLook(asking, scoredSet(shown));
-  const cause = isFarOff ? "Its points fit the robot, so the arm, its base or its tool is not as it was" : "It is in another frame or of another robot, or the robot has changed";
+  const cause = isFarOff ? "Its points fit the robot, so the arm, its base or its tool has changed" : "The file is in another frame or of another robot, or the arm, its base or its tool has changed by much";
   return el("section.card.alarm", {}, el("h2", {}, "Check this robot"),
     el("p", {}, el("strong", {}, `${sentence}. `), "This was found on the ", el("a", { href: `#/jobs/${robot.check_job_id}` }, session ? sessionOf(session) : "session of this job"), `. ${cause}. No release is made until a new session fits, or somebody marks the robot as checked.`),
     active && el("p", {}, el("strong", {}, "The cell still runs the active set until it is withdrawn.")),
@@ -153,9 +156,10 @@ function waysOn({ robot, asking, stand: { active, newest }, may }, isFarOff) {
   const [page, set] = [`#/robots/${robot.id}`, { id: asking?.measurement_set_id }];
   const withdraw = may("release") && active && el("a.button", { href: `#/jobs/${active.job_id}` }, "Withdraw the set");
   const again = may("upload") && el(isFarOff ? "a.button" : "a.button.primary", { href: active || newest ? verifyPage(robot, active ?? newest) : `${page}/upload` }, "Measure again and upload a session");
-  if (!isFarOff) return el("div.actions", {}, again, may("identify") && el("a.button", { href: `${page}/upload` }, "Calibrate anew"), withdraw);
-  const check = { kind: "check", ...asking.parameter_set_from ? { parameter_set_id: asking.parameter_set_from } : {} };
-  return [out, el("div.actions", {}, may("identify") && [startButton("Quick check", { job: null, robot, set }, check, out), startButton("Calibrate with these points", { job: null, robot, set }, {}, out, "button")], again, withdraw)];
+  const check = { kind: "check", ...asking?.parameter_set_from ? { parameter_set_id: asking.parameter_set_from } : {} };
+  const quick = may("identify") && asking && startButton("Quick check", { job: null, robot, set }, check, out, isFarOff ? undefined : "button");
+  if (!isFarOff) return [out, el("div.actions", {}, again, quick, may("identify") && el("a.button", { href: `${page}/upload` }, "Calibrate anew"), withdraw)];
+  return [out, el("div.actions", {}, quick, may("identify") && startButton("Calibrate with these points", { job: null, robot, set }, {}, out, "button"), again, withdraw)];
 }
 
 /** The form that ends the state without a new session. */
@@ -303,16 +307,18 @@ export function decisions(set, limit = Infinity) {
   return [told("Released", set.released_at, set.released_by_name ?? set.released_by, set.release_reason), told("Withdrawn", set.withdrawn_at, set.withdrawn_by_name ?? set.withdrawn_by, set.withdraw_reason)].filter(Boolean);
 }
 
-function parameterSets({ entries, jobs, sets, nameOf }) {
+function parameterSets({ robot, entries, jobs, sets, nameOf }) {
   const frames = framesOf(jobs, sets);
   const rms = (set, report) => jobs.find((job) => job.id === set.job_id)?.rms_mm ?? best(report).after.rms_mm;
+  const uploaded = (set) => sets.find((one) => one.id === jobs.find((job) => job.id === set.job_id)?.measurement_set_id)?.created_at;
+  const measured = (set, report) => ({ created_at: report.measured_at ?? uploaded(set) ?? set.created_at });
   const columns = [
     ["Identified from", ({ set }) => [el("a", { href: `#/jobs/${set.job_id}` }, nameOf(set).replace(/, [^,]*$/, "")), el("small.quiet", {}, `identified ${when(set.created_at)}`)], "name"],
     ["State", ({ set }) => [statusBadge(set.status), decided(set)]],
     ["Moved", ({ set, report }) => moved(report, frames.get(set.job_id)), "name"],
     ["Error, rms", ({ set, report }) => (report.verify && report.evidence !== "none" ? [mm(rms(set, report)), el("small.quiet", {}, `nominal ${mm(best(report).before.rms_mm)}`)] : ["not verified", el("small.quiet", {}, report.verify ? "no evidence" : `fit itself ${mm(best(report).after.rms_mm)}`)]), "n"],
     ["Evidence", ({ report }) => EVIDENCE[report.evidence]?.[0] ?? report.evidence],
-    ["Parameters", ({ set }) => saveButton("Download", `/v1/parameter-sets/${set.id}`, set.id, ".json", `Download the parameter set of ${nameOf(set)}`)],
+    ["Parameters", ({ set, report }) => saveButton("Download", `/v1/parameter-sets/${set.id}`, fileStem(robot, measured(set, report), set.id), ".json", `Download the parameter set of ${nameOf(set)}`)],
   ];
   return table("What was identified, newest first. Moved: parameters that differ from the set before by more than chance, without a base that was measured in the instrument's own frame. Errors and evidence are those at identification, on the verify points.", columns, [...entries].reverse(), "None yet.");
 }

@@ -32,6 +32,16 @@ export function saveButton(text, path, stem, ending, label) {
 /** What was uploaded, by the name of its set. Two files that were joined are one table of their points. */
 export const savePoints = (text, set, label) => saveButton(text, set.joined ? pointsPath(set) : `/v1/measurement-sets/${set.id}/points`, set.name ?? set.id, null, label);
 
+/** Longest part of a file's name that is taken from a robot's name. */
+const MAX_ROBOT = 60;
+
+/** The name of a file without its ending, as the service names exports: the robot, the day on which the points were measured, and what it is. */
+export function fileStem(robot, set, what) {
+  const name = robot.name.split(/[^A-Za-z0-9.-]+/).filter(Boolean).join("-").slice(0, MAX_ROBOT).replace(/^[.-]+|[.-]+$/g, "");
+  const day = (set.record?.measured_at ?? set.created_at).slice(0, 10);
+  return [name, day, what].filter(Boolean).join("_");
+}
+
 /** Offers what a path answers as a file; a plain link could not send the key. */
 async function save(path, stem, ending) {
   const content = await blob(path);

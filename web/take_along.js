@@ -2,7 +2,7 @@
 
 import { el } from "./dom.js";
 import { method, ran, span } from "./format.js";
-import { saveButton, savePoints } from "./save.js";
+import { fileStem, saveButton, savePoints } from "./save.js";
 
 /** What other programs read the links as: the query of the export, the ending of the file, the name of the button. */
 const FORMATS = [["format=json", "json", "JSON with the nominal robot"], ["format=urdf", "urdf", "URDF"], ["format=csv", "csv", "CSV"], ["format=csv&beta=refit", "csv", "CSV without β"], ["format=yaml", "yaml", "YAML"], ["format=ur_kinematics", "yaml", "Universal Robots' kinematics"], ["format=mastering", "json", "joint offsets for mastering"]];
@@ -13,17 +13,18 @@ const mayBeUniversal = ({ links }) => links.length === 6 && [links[2], links[3]]
 /** A format that is not for this robot has a button that cannot be pressed, and says why. */
 const notForIt = (name) => el("button", { type: "button", disabled: true, title: "For robots of Universal Robots only" }, `… as ${name} (for robots of Universal Robots only)`);
 
-function exports(set, robot) {
-  return FORMATS.map(([query, ending, name]) => query.endsWith("ur_kinematics") && !mayBeUniversal(robot) ? notForIt(name) : saveButton(`… as ${name}`, `/v1/parameter-sets/${set.id}/export?${query}`, ["urdf", "csv", "yaml"].includes(query.slice(7)) ? set.id : `${set.id}-${/\w+$/.exec(query)[0]}`, `.${ending}`, `Parameters as ${name}`));
+function exports(set, robot, stem) {
+  return FORMATS.map(([query, ending, name]) => query.endsWith("ur_kinematics") && !mayBeUniversal(robot) ? notForIt(name) : saveButton(`… as ${name}`, `/v1/parameter-sets/${set.id}/export?${query}`, ["urdf", "csv", "yaml"].includes(query.slice(7)) ? stem(set.id) : stem(`${set.id}-${/\w+$/.exec(query)[0]}`), `.${ending}`, `Parameters as ${name}`));
 }
 
 /** One menu with everything that can be taken along. */
 export function files(job, sets, parameterSet, residuals, robot) {
   const reportPage = `/v1/jobs/${job.id}/report.html`;
+  const stem = (what) => fileStem(robot, sets[0], what);
   const group = (title, note, ...buttons) => el("div.group", {}, el("h3", {}, title), el("p.note", {}, note), el("div.actions", {}, buttons));
   return el("section.card", { id: "exports", tabindex: -1, "aria-label": "Export: take it along" }, el("h2", {}, "Export: take it along"), el("div.groups", {},
-    group("Report", "To print or to keep in a quality file; the browser's print dialogue makes a PDF of it.", el("a.button", { href: reportPage, target: "_blank", rel: "noopener" }, "Report to print"), saveButton("Report as JSON", `/v1/jobs/${job.id}/report`, `report-${job.id}`, ".json")),
-    parameterSet && group("Parameters", "Links, base and reflectors as they were identified. Corrections stand in JSON and YAML only. Joint offsets are for controllers that take nothing else.", saveButton("Parameters", `/v1/parameter-sets/${parameterSet.id}`, parameterSet.id, ".json"), exports(parameterSet, robot)),
+    group("Report", "To print or to keep in a quality file; the browser's print dialogue makes a PDF of it.", el("a.button", { href: reportPage, target: "_blank", rel: "noopener" }, "Report to print"), saveButton("Report as JSON", `/v1/jobs/${job.id}/report`, stem(`report-${job.id}`), ".json")),
+    parameterSet && group("Parameters", "Links, base and reflectors as they were identified. Corrections stand in JSON and YAML only. Joint offsets are for controllers that take nothing else.", saveButton("Parameters", `/v1/parameter-sets/${parameterSet.id}`, stem(parameterSet.id), ".json"), exports(parameterSet, robot, stem)),
     group("Points", `${sets.length > 1 ? "The files as they were uploaded" : "The file as it was uploaded"}${sets.some(({ joined }) => joined) ? "; two files that were joined as one table" : ""}, and what remains of every point.`, sets.map((set, i) => savePoints(sets.length > 1 ? `Measured points ${i + 1}` : "Measured points", set)), el("button", { type: "button", click: residuals }, "Residuals of all points as CSV")),
     parameterSet && group("Programs", "Joint targets that were programmed offline, corrected with these parameters.", el("a.button", { href: `#/robots/${parameterSet.robot_id}/correct` }, "Correct a program"))));
 }

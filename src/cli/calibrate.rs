@@ -159,6 +159,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             job: None,
             parameter_set: None,
             sessions: &[],
+            verified_expanded_mm: None,
             tolerance_mm: None,
             decision_rule: DecisionRule::default(),
             report: &report,
@@ -290,8 +291,11 @@ pub fn refuse_unusable(report: &Report, job_id: Option<&str>) -> anyhow::Result<
             "compare the controller's joint values with the nominal robot, correct the robot's joint_map, and upload the file again"
         }
         "positions_computed" => "upload the positions that the instrument measured",
-        "no_fit" | "session_does_not_fit" => {
+        "no_fit" => {
             "check the file: is it of this robot, in this frame (--frame), and do the joint values and the position of each row belong together?"
+        }
+        "session_does_not_fit" => {
+            "check the file first: is it of this robot, in this frame (--frame), and do the joint values and the position of each row belong together? If the file is right, check these points (kincal submit --check): it names what changed. If it is the robot, identify anew; if it is base or tool, set that up anew"
         }
         "set_far_off" => {
             "check these points (kincal submit --check): it names what changed. If it is the robot, identify anew; if it is base or tool, set that up anew"

@@ -45,6 +45,7 @@ const ASSETS: &[Asset] = assets! {
     "charts.js": JAVASCRIPT,
     "check.js": JAVASCRIPT,
     "columns.js": JAVASCRIPT,
+    "contents.js": JAVASCRIPT,
     "compare.js": JAVASCRIPT,
     "correct.js": JAVASCRIPT,
     "csv.js": JAVASCRIPT,

@@ -228,7 +228,7 @@ fn from_conflict(conflict: &store::Conflict) -> Problem {
             ": check the gates again, then try again",
         ),
         C::RefusedBySchema { .. } => (409, "release_refused", ": see its gates"),
-        C::RobotArchived => (409, "archived", ": restore it first"),
+        C::RobotArchived | C::Archived { .. } => (409, "archived", ": restore it first"),
         C::NotArchivable { .. } => (409, "not_archivable", ""),
         C::RobotChanged => (409, "robot_changed", ": read it again, then try again"),
         C::JointMapReleased => (

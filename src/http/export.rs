@@ -3,7 +3,7 @@
 use crate::http::auth::Caller;
 use crate::http::extract::{Item, Query, whole_body};
 use crate::http::limits::ComputePermit;
-use crate::http::{App, Error, access, parameter_sets};
+use crate::http::{App, Error, access, file_name, parameter_sets};
 use crate::operations::export::{self, Exported, Source};
 use crate::operations::import::import_with;
 use crate::store::ParameterSetRow;
@@ -80,12 +80,12 @@ pub async fn get(
     Item { app, caller, id }: Item,
     Query(query): Query<ExportQuery>,
 ) -> Result<Response, Error> {
-    access::parameter_set(&app, &caller, &id).await?;
+    let row = access::parameter_set(&app, &caller, &id).await?;
     let permit = app.limits.compute_permit(caller.class).await?;
     let rows = load_rows(&app, &permit, &caller, &id).await?;
     let ExportQuery { format, beta } = query;
     let export = move || rows.write_with(|source| export::export(source, format, beta));
-    respond(&id, permit.run(export).await?)
+    respond(&app, &row, permit.run(export).await?).await
 }
 
 /// Returns the URDF in the body with the joint origins of the identified robot. Nothing else changes.
@@ -100,7 +100,7 @@ pub async fn patch_urdf(
     Query(query): Query<PatchQuery>,
     request: Request,
 ) -> Result<Response, Error> {
-    access::parameter_set(&app, &caller, &id).await?;
+    let row = access::parameter_set(&app, &caller, &id).await?;
     if query.format != ExportFormat::Urdf {
         let detail = "only a URDF can be patched: format=urdf; else GET";
         return Err(Error::invalid_query(detail));
@@ -110,7 +110,7 @@ pub async fn patch_urdf(
     let rows = load_rows(&app, &permit, &caller, &id).await?;
     let patch =
         move || rows.write_with(|source| export::patch_urdf(source, &bytes, query.tip.as_deref()));
-    respond(&id, permit.run(patch).await?)
+    respond(&app, &row, permit.run(patch).await?).await
 }
 
 /// Converts a URDF or a table of Denavit-Hartenberg parameters to the body of `POST /v1/robots`. Nothing is stored.
@@ -200,16 +200,14 @@ async fn load_rows(
     })
 }
 
-fn respond(id: &str, exported: Exported) -> Result<Response, Error> {
+async fn respond(app: &App, row: &ParameterSetRow, exported: Exported) -> Result<Response, Error> {
     let Exported {
         content_type,
         extension,
         text,
         remaining,
     } = exported;
-    let text_header =
-        |value: String| HeaderValue::from_str(&value).map_err(|e| Error::Internal(e.to_string()));
-    let name = text_header(format!("attachment; filename=\"{id}.{extension}\""))?;
+    let name = file_name::attachment(app, &row.robot_id, &row.job_id, &row.id, extension).await?;
     let mut response = (
         [
             (header::CONTENT_TYPE, HeaderValue::from_static(content_type)),
@@ -219,10 +217,9 @@ fn respond(id: &str, exported: Exported) -> Result<Response, Error> {
     )
         .into_response();
     if let Some(remaining) = remaining {
-        response.headers_mut().insert(
-            REMAINING_ERROR,
-            text_header(format!("mean={}, max={}", remaining.mean, remaining.max))?,
-        );
+        let lost = format!("mean={}, max={}", remaining.mean, remaining.max);
+        let lost = HeaderValue::from_str(&lost).map_err(|e| Error::Internal(e.to_string()))?;
+        response.headers_mut().insert(REMAINING_ERROR, lost);
     }
     Ok(response)
 }

@@ -7,10 +7,10 @@ use crate::jobs::JobInputs;
 use crate::jobs::estimate::stored_estimate;
 use crate::jobs::request::parse_request;
 use crate::operations::{self, IdentifiedSet};
-use crate::release::{self, ScoredJob};
-use crate::store::{ParameterSetRow, jobs, parameter_sets, policies, verifications};
+use crate::release::{self, ScoredJob, ScoredSession};
+use crate::store::{ParameterSetRow, ScoredRelease, parameter_sets, policies, verifications};
 use crate::wire::Invalid;
-use crate::wire::history::{CompareAnswer, HistoryAnswer, HistoryItem, Trend};
+use crate::wire::history::{CompareAnswer, HistoryAnswer, HistoryItem};
 use crate::wire::parameter_set::ParameterSetAnswer;
 use crate::wire::report_summary::ReportSummary;
 use axum::Json;
@@ -59,7 +59,9 @@ pub async fn history(
             job_archived_at: answer.job_archived_at,
         });
     }
-    let trend = trend(&app, &id).await?;
+    let limit_mm = policies::get(&app.store, &id).await?.tolerance_mm;
+    let scored = scored_sessions(&app, &[&id]).await?.remove(&id);
+    let trend = release::trend(&scored.unwrap_or_default(), limit_mm);
     Ok(Json(HistoryAnswer {
         items,
         next_cursor: page.next_cursor.map(|cursor| cursor.to_string()),
@@ -68,30 +70,47 @@ pub async fn history(
     }))
 }
 
-/// The trend of the released set's errors over the jobs that scored it.
-pub(super) async fn trend(app: &App, robot_id: &str) -> Result<Trend, Error> {
-    let limit_mm = policies::get(&app.store, robot_id).await?.tolerance_mm;
-    let Some(active) = parameter_sets::active(&app.store, robot_id).await? else {
-        return Ok(release::trend(&[], limit_mm));
-    };
-    let own = jobs::get(&app.store, &active.job_id).await?;
-    let own_uploads: Vec<String> = own
-        .set_ids()
-        .map(str::to_owned)
-        .chain(own.verify_set_id.clone())
-        .collect();
-    let rows = verifications::of_set(&app.store, &active.id).await?;
-    let times = session_times(app, &active.id).await?;
-    let scored_jobs: Vec<ScoredJob> = rows
+/// The errors of the released set of each of these robots over the jobs that scored it. A robot without a released set is absent.
+pub(super) async fn scored_sessions(
+    app: &App,
+    robot_ids: &[&str],
+) -> Result<BTreeMap<String, Vec<ScoredSession>>, Error> {
+    let mut rows_of: BTreeMap<String, Vec<ScoredRelease>> = BTreeMap::new();
+    for row in verifications::of_released_sets(&app.store, robot_ids).await? {
+        let robot = row.facts.robot_id.clone();
+        rows_of.entry(robot).or_default().push(row);
+    }
+    let scored = rows_of
         .into_iter()
-        .map(|row| ScoredJob {
-            measured_at_ms: *times.get(&row.job_id).unwrap_or(&row.created_at_ms),
-            measurement_set_id: row.measurement_set_id,
-            verification: row.found,
-        })
+        .map(|(robot, rows)| (robot, sessions_of(rows)));
+    Ok(scored.collect())
+}
+
+/// The sessions of one released set. With several uploads of a job, the latest time counts.
+fn sessions_of(rows: Vec<ScoredRelease>) -> Vec<ScoredSession> {
+    let own = rows.iter().filter(|row| row.is_own_upload);
+    let own_uploads: Vec<String> = own
+        .map(|row| row.facts.measurement_set_id.clone())
         .collect();
-    let scored = release::scored_sessions(&scored_jobs, &own_uploads);
-    Ok(release::trend(&scored, limit_mm))
+    let mut jobs: Vec<(String, ScoredJob)> = Vec::new();
+    for row in rows {
+        let at_ms = release::measured_at_ms(row.reading_json.as_deref(), row.uploaded_at_ms);
+        match jobs.last_mut() {
+            Some((job_id, job)) if *job_id == row.facts.job_id => {
+                job.measured_at_ms = job.measured_at_ms.max(at_ms);
+            }
+            _ => jobs.push((
+                row.facts.job_id,
+                ScoredJob {
+                    measured_at_ms: at_ms,
+                    measurement_set_id: row.facts.measurement_set_id,
+                    verification: row.facts.found,
+                },
+            )),
+        }
+    }
+    let jobs: Vec<ScoredJob> = jobs.into_iter().map(|(_, job)| job).collect();
+    release::scored_sessions(&jobs, &own_uploads)
 }
 
 /// Time of measurement for each job that scored a parameter set, milliseconds since the epoch: the stated time, or the time of upload. With

@@ -19,6 +19,7 @@ mod counters;
 mod creation;
 mod error;
 mod extract;
+mod file_name;
 mod headers;
 mod host;
 mod layers;

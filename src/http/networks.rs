@@ -2,14 +2,14 @@
 
 use crate::http::extract::Item;
 use crate::http::list_query::{PlainListQuery, list_of_robot};
-use crate::http::{Error, access};
+use crate::http::{Error, access, file_name};
 use crate::store::{NetworkRow, networks};
 use crate::wire::network::NetworkAnswer;
 use crate::wire::page::Page;
 use crate::wire::safetensors::NetworkMetadata;
 use crate::wire::time::rfc3339;
 use axum::Json;
-use axum::http::header;
+use axum::http::{HeaderValue, header};
 use axum::response::{IntoResponse, Response};
 
 list_of_robot! {
@@ -34,10 +34,12 @@ pub async fn get(Item { app, caller, id }: Item) -> Result<Json<NetworkAnswer>, 
 )]
 pub async fn weights(Item { app, caller, id }: Item) -> Result<Response, Error> {
     let _permit = app.limits.compute_permit(caller.class).await?;
-    access::network(&app, &caller, &id).await?;
-    let disposition = format!("attachment; filename=\"{id}.safetensors\"");
+    let row = access::network(&app, &caller, &id).await?;
+    let disposition =
+        file_name::attachment(&app, &row.robot_id, &row.job_id, &id, "safetensors").await?;
+    let content_type = HeaderValue::from_static("application/octet-stream");
     let headers = [
-        (header::CONTENT_TYPE, "application/octet-stream".to_owned()),
+        (header::CONTENT_TYPE, content_type),
         (header::CONTENT_DISPOSITION, disposition),
     ];
     Ok((headers, networks::weights(&app.store, &id).await?).into_response())

@@ -2,7 +2,7 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::Query;
-use crate::http::history::trend;
+use crate::http::history::scored_sessions;
 use crate::http::list_query::NamedListQuery;
 use crate::http::{App, Error};
 use crate::jobs::evidence::session;
@@ -42,15 +42,22 @@ pub async fn list(
             facts_of.entry(set).or_default().push(facts);
         }
     }
+    let with_trend = found
+        .items
+        .iter()
+        .filter(|row| may_have_trend(row.n_sessions));
+    let with_trend: Vec<&str> = with_trend.map(|row| row.id.as_str()).collect();
+    let scored_of = match with_trend.is_empty() {
+        true => BTreeMap::new(),
+        false => scored_sessions(&app, &with_trend).await?,
+    };
     let mut items = Vec::with_capacity(found.items.len());
     for row in found.items {
         let of_newest = row.newest_id.as_ref().and_then(|id| facts_of.remove(id));
         let refused_by = first_refusal(&row, of_newest.unwrap_or_default())?;
-        let days_to_limit = if may_have_trend(row.n_sessions) {
-            trend(&app, &row.id).await?.days_to_limit
-        } else {
-            None
-        };
+        let scored = scored_of.get(&row.id);
+        let days_to_limit =
+            scored.and_then(|scored| release::trend(scored, row.tolerance_mm).days_to_limit);
         items.push(robot_overview(row, days_to_limit, refused_by)?);
     }
     Ok(Json(Page {

@@ -112,7 +112,7 @@ pub async fn warnings_of_use(app: &App, row: &ParameterSetRow) -> Result<Vec<War
     let robot = robots::get(&app.store, &row.robot_id).await?;
     if let Some(job_id) = robot.check_job_id {
         let detail = format!(
-            "the robot is in the state check_robot: the session of job {job_id} did not fit it. It may have changed since this set was identified: look \
+            "the session of job {job_id} speaks against this robot. It may have changed since this set was identified: look \
              at the robot before it moves by these numbers"
         );
         warnings.push(Warning::new("check_robot", detail));

@@ -6,7 +6,7 @@ use crate::http::{App, Error, access};
 use crate::jobs::evidence;
 use crate::release::guard_band::rule_in_force;
 use crate::report_page::{self, MeasuredSet, ScoredSession, Sources};
-use crate::store::{ParameterSetRow, jobs, policies, robot_versions};
+use crate::store::{ParameterSetRow, jobs, policies, robot_versions, verifications};
 use crate::wire::job_answer::JobAnswer;
 use crate::wire::measurement::SetSummary;
 use crate::wire::parameter_set::ParameterSetAnswer;
@@ -37,6 +37,8 @@ pub async fn report_html(Item { app, caller, id }: Item) -> Result<Response, Err
         Some(set) => scored_sessions(&app, set).await?,
         None => vec![],
     };
+    let found = verifications::of_job(&app.store, &id).await?;
+    let verified_expanded_mm = found.and_then(|row| row.found.after_expanded_mm);
     let policy = policies::get(&app.store, &job.robot_id).await?;
     let tolerance_mm = policy.tolerance_mm;
     let decision_rule = rule_in_force(policy.decision_rule, policy.version > 0);
@@ -65,6 +67,7 @@ pub async fn report_html(Item { app, caller, id }: Item) -> Result<Response, Err
                 .transpose()?
                 .as_ref(),
             sessions: &sessions,
+            verified_expanded_mm,
             tolerance_mm,
             decision_rule,
             report: &serde_json::from_str(&report)?,

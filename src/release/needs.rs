@@ -52,7 +52,7 @@ pub fn need(facts: &NeedFacts) -> (Need, String) {
     if facts.must_be_checked {
         return (
             Need::CheckRobot,
-            "a session does not fit the robot; no release until a session fits or somebody states a reason".into(),
+            "a session speaks against the robot; no release until a session fits or somebody states a reason".into(),
         );
     }
     if let Some(reason) = drift(facts) {

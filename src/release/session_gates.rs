@@ -16,7 +16,7 @@ pub fn check_robot(facts: &StoredFacts<'_>) -> Gate {
             name,
             false,
             format!(
-                "the file of job {job_id} does not fit this robot and its parameter set: is the file in another frame, has the robot changed, \
+                "the session of job {job_id} speaks against this robot or its parameter set: is the file in another frame, has the robot changed, \
                  or is that set wrong? Check the robot, then verify this set on this or a new session, \
                  or {CHECKED}"
             ),

@@ -3,7 +3,9 @@
 use super::Sources;
 use super::sources::ScoredSession;
 use super::text::{error, number, time};
-use crate::release::guard_band::{ConfigurationErrors, Within, expanded_mm, within};
+use crate::release::guard_band::{
+    ConfigurationErrors, MIN_CONFIGURATIONS, Within, expanded_mm, within,
+};
 use crate::release::headline;
 use crate::wire::job::VerifyBody;
 use crate::wire::measurement::{Frame, Subset};
@@ -11,7 +13,7 @@ use crate::wire::parameter_set::{ParameterSetAnswer, ParameterSetStatus};
 use crate::wire::policy::DecisionRule;
 use crate::wire::report_shape::Report;
 use maud::{Markup, html};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// The set, if it was withdrawn.
 fn withdrawn_set<'a>(sources: &Sources<'a>) -> Option<&'a ParameterSetAnswer> {
@@ -49,8 +51,14 @@ fn withdrawal(set: &ParameterSetAnswer) -> String {
 struct Figure {
     rms_mm: f64,
     expanded_mm: Option<f64>,
+    /// A sentence that says why there is no uncertainty, if there is none.
+    unknown_because: String,
     points: String,
 }
+
+/// What the figure behind ± is.
+const EXPANDED: &str = "± is the expanded uncertainty (95 %): from the scatter over the arm configurations, with the noise that the instrument \
+                        states and with what was fitted to the same points. A release compares the same figure.";
 
 /// The comparison with the tolerance in one line. It is made with the policy of now. The figure is the one that is furthest from being within: of the
 /// points to verify, and of the sessions that are evidence.
@@ -105,8 +113,13 @@ pub fn verdict(sources: &Sources<'_>) -> Markup {
         ),
         Within::Unknown => ("NOT SHOWN", ": the uncertainty of the figure is not known"),
     };
+    let note = match worst.expanded_mm {
+        Some(_) => EXPANDED.to_owned(),
+        None => worst.unknown_because.clone(),
+    };
     html! {
         p.conformity { (stated) ": rms " (error(worst.rms_mm)) (interval) " mm " (worst.points) " → " strong { (said) } (why) }
+        p.note { (note) }
     }
 }
 
@@ -123,15 +136,34 @@ fn own_figure(sources: &Sources<'_>) -> Option<Figure> {
     };
     Some(Figure {
         rms_mm: half.after.rms_mm.max(corrected_mm),
-        expanded_mm: is_placed_before(sources)
-            .then(|| own_expanded_mm(report))
-            .flatten(),
+        expanded_mm: sources.verified_expanded_mm.or_else(|| {
+            is_placed_before(sources)
+                .then(|| own_expanded_mm(report))
+                .flatten()
+        }),
+        unknown_because: unknown_because(report),
         points: format!("on {} points to verify{without}", half.n_points),
     })
 }
 
-/// Whether neither base nor reflectors were fitted to the points to verify, and no instrument states an error common to all of them. Otherwise the
-/// report does not have what the uncertainty is computed from.
+/// Why the uncertainty of the error on the points to verify is not known.
+fn unknown_because(report: &Report) -> String {
+    let points = report.per_point.iter();
+    let verified = points.filter(|point| point.subset == Subset::Verify && !point.outlier);
+    let configurations: BTreeSet<&str> =
+        verified.map(|point| point.configuration.as_str()).collect();
+    match configurations.len() {
+        n if n < MIN_CONFIGURATIONS => format!(
+            "No uncertainty is stated: the points to verify are of {n} arm configurations, and it takes {MIN_CONFIGURATIONS}."
+        ),
+        _ => "No uncertainty is stated: too few points are left beside what was fitted to them, or an older version of kincal made this result. \
+              Verify the set on another session."
+            .into(),
+    }
+}
+
+/// For jobs of older versions, with which no uncertainty is stored: whether neither base nor reflectors were fitted to the points to verify, and no
+/// instrument states an error common to all of them. Otherwise the report does not have what the uncertainty is computed from.
 fn is_placed_before(sources: &Sources<'_>) -> bool {
     let is_other_set = sources
         .job
@@ -161,6 +193,9 @@ fn of_session(scored: &ScoredSession) -> Option<Figure> {
     Some(Figure {
         rms_mm: found.after_rms_mm?,
         expanded_mm: found.after_expanded_mm,
+        unknown_because:
+            "No uncertainty is stated: the session has too few arm configurations, or an older version of kincal scored it."
+                .into(),
         points: format!("in the session of {}", time(&scored.measured_at)),
     })
 }

@@ -77,12 +77,12 @@ fn body(sources: &Sources<'_>) -> Markup {
                 (figures::convergence(sources.convergence))
             }
             (figures::positions(&report.per_point, sources.before()))
-            (sections::parameters(report))
-            (sections::priors(report))
             (sections::corrections(report))
             (sections::repeatability(report))
             (sections::changes(report))
             (sections::comparison(report))
+            (sections::parameters(report))
+            (sections::priors(report))
             (sections::origin(sources))
             (quality::signature(sources))
         }

@@ -102,7 +102,7 @@ pub fn parameter(name: &str) -> String {
     )
 }
 
-/// A sentence of the calculation with parameters as people write them, small probabilities in words, and no σ.
+/// A sentence of the calculation with parameters as people write them.
 pub fn readable(sentence: &str) -> String {
     let is_name = |word: &str| {
         let is_link = word.rsplit_once('_').is_some_and(|(kind, link)| {
@@ -113,17 +113,9 @@ pub fn readable(sentence: &str) -> String {
     };
     let word = |whole: &str| {
         let bare = whole.trim_end_matches([',', '.', ';', ':']);
-        let end = &whole[bare.len()..];
-        match bare.split_once("e-") {
-            _ if is_name(bare) => format!("{}{end}", parameter(bare)),
-            Some((digits, exponent)) if digits.parse::<f64>().is_ok() => {
-                match exponent.parse::<u32>() {
-                    Ok(..=6) => format!("{}{end}", bare.parse::<f64>().unwrap_or_default()),
-                    Ok(_) => format!("below 0.000001{end}"),
-                    Err(_) => whole.to_owned(),
-                }
-            }
-            _ => whole.to_owned(),
+        match is_name(bare) {
+            true => format!("{}{}", parameter(bare), &whole[bare.len()..]),
+            false => whole.to_owned(),
         }
     };
     // a figure of the report that a warning names stands beside it on the page
@@ -131,14 +123,7 @@ pub fn readable(sentence: &str) -> String {
         .iter()
         .fold(sentence.to_owned(), |text, name| text.replace(name, ""));
     let words: Vec<String> = sentence.split(' ').map(word).collect();
-    let mut text = words.join(" ");
-    while let Some(at) = text.find(" σ)") {
-        let Some(from) = text[..at].rfind(" (") else {
-            break;
-        };
-        text.replace_range(from..at + " σ)".len(), "");
-    }
-    text
+    words.join(" ")
 }
 
 /// The symbol of a unit: ° for `deg`.
@@ -204,10 +189,10 @@ mod tests {
 
     #[test]
     fn sentences_of_the_calculation_are_readable() {
-        let said = "an unchanged robot shows as much with probability 6.48e-108. Likeliest cause: base_rx or alpha_1 by -0.0582° (119.4 σ)";
-        let read = "an unchanged robot shows as much with probability below 0.000001. Likeliest cause: base, turned about x or α₁ by -0.0582°";
+        let said = "Likeliest cause: base_rx or alpha_1 by -0.0582° (119.4 standard deviations)";
+        let read =
+            "Likeliest cause: base, turned about x or α₁ by -0.0582° (119.4 standard deviations)";
         assert_eq!(readable(said), read);
-        assert_eq!(readable("probability 1.20e-3"), "probability 0.0012");
         assert_eq!(
             readable("these poses do not show theta_offset_6: more"),
             "these poses do not show θ₆: more"

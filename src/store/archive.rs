@@ -43,7 +43,7 @@ row! {
     }
 }
 
-pub(super) const ALL_QUERIES: &[&str] = &[ARCHIVE, SINCE, RESTORE, BY_ID];
+pub(super) const ALL_QUERIES: &[&str] = &[ARCHIVE, SINCE, KIND, RESTORE, BY_ID];
 
 const ARCHIVE: &str = "
     insert into archived (id, kind, robot_id, archived_by, archived_at_ms) values ($1, $2, $3, $4, (select now_ms from clock))
@@ -51,6 +51,8 @@ const ARCHIVE: &str = "
     returning id, kind, robot_id, archived_by, archived_at_ms";
 
 const SINCE: &str = "select archived_at_ms from archived where id = $1";
+
+const KIND: &str = "select kind from archived where id = $1";
 
 const RESTORE: &str = "delete from archived where id = $1";
 
@@ -87,6 +89,23 @@ pub async fn archive(
         return Ok(row.archived_at_ms);
     }
     sql::value(tx.connection(), SINCE, values![id]).await
+}
+
+/// Refuses archived items of a robot. The transaction must have locked the robot's row: archiving locks it too, so the items stay in use until
+/// the transaction ends.
+///
+/// # Errors
+/// [`Conflict::Archived`] with the first of them, [`super::Error::Database`].
+pub(super) async fn require_in_use(tx: &mut Tx, ids: impl Iterator<Item = &str>) -> Result<()> {
+    for id in ids {
+        let kind: Option<String> = sql::first_value(tx.connection(), KIND, values![id]).await?;
+        if let Some(kind) = kind {
+            let what = kind.replace('_', " ");
+            let id = id.to_owned();
+            return Err(Conflict::Archived { what, id }.into());
+        }
+    }
+    Ok(())
 }
 
 /// Restores an archived item; restoring an item that is not archived changes nothing.

@@ -71,7 +71,7 @@ impl Store {
         self.require_data_dir()?;
         let mut write = PendingWrite::begin(&self.inner.writes);
         let begun = self.begin_write_transaction().await;
-        write.record(&begun);
+        write.begun(&begun);
         Ok(Tx {
             transaction: begun?,
             actor: DEFAULT_ACTOR.into(),
@@ -178,12 +178,20 @@ impl Tx {
             Ok(transaction.commit().await?)
         };
         let committed = committed.await;
-        write.record(&committed);
+        write.ended(&committed);
         committed
     }
 
-    /// Rolls this transaction back and waits for the rollback. Dropping it does not wait.
-    pub async fn rollback(self) -> Result<()> {
+    /// Rolls this transaction back, because it has nothing to write, and waits for the rollback.
+    pub async fn rollback(mut self) -> Result<()> {
+        let done = self.transaction.rollback().await.map_err(Error::from);
+        self.write.ended(&done);
+        done
+    }
+
+    /// Rolls this transaction back after an error, and waits for the rollback. Dropping it does not wait. Whether the database can write stays
+    /// open.
+    pub async fn give_up(self) -> Result<()> {
         Ok(self.transaction.rollback().await?)
     }
 

@@ -69,6 +69,14 @@ pub enum Conflict {
     /// The robot is archived.
     #[error("the robot is archived")]
     RobotArchived,
+    /// Something that is named was archived in the meantime.
+    #[error("the {what} {id} is archived")]
+    Archived {
+        /// Its kind in words.
+        what: String,
+        /// Its id.
+        id: String,
+    },
     /// The item must stay in use and cannot be archived.
     #[error("{why}")]
     NotArchivable {

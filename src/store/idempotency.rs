@@ -117,7 +117,7 @@ impl Store {
                 Ok(IdempotentOutcome::Fresh(response))
             }
             Err(error) => {
-                tx.rollback().await?;
+                tx.give_up().await?;
                 Err(error)
             }
         }

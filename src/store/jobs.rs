@@ -7,7 +7,9 @@ use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
 use super::sql::{self, values};
-use super::{AuditEvent, Conflict, Error, ListRequest, Page, Result, Store, Tx, job_sources};
+use super::{
+    AuditEvent, Conflict, Error, ListRequest, Page, Result, Store, Tx, archive, job_sources, robots,
+};
 use crate::wire::canonical;
 use crate::wire::job::{Kind, Method};
 use crate::wire::job_answer::{Finding, JobStatus};
@@ -131,6 +133,20 @@ pub struct NewJob {
     pub priority: i64,
     /// The client that posts the job. Among jobs of equal priority the queue takes one job of each client in turn.
     pub client: String,
+}
+
+impl NewJob {
+    /// Ids of the items that the job refers to and that can be archived.
+    fn inputs(&self) -> impl Iterator<Item = &str> {
+        let others = [
+            &self.verify_set_id,
+            &self.network_input_id,
+            &self.residual_network_input_id,
+            &self.parameter_set_input_id,
+        ];
+        let others = others.into_iter().flatten();
+        self.set_ids.iter().chain(others).map(String::as_str)
+    }
 }
 
 /// SQL for the ids of a job's further sets: in order, separated by commas.
@@ -298,11 +314,13 @@ audited!(JobWithClient, job.id, |row| {
 /// limit by one job each. Everything that the job refers to must be committed already, because a worker reads it as soon as it has claimed the job.
 ///
 /// # Errors
-/// [`Conflict::QueueFull`], [`Conflict::RobotArchived`], [`super::Error::NotFound`] if something that the job refers to does not exist,
+/// [`Conflict::QueueFull`], [`Conflict::RobotArchived`], [`Conflict::Archived`], [`super::Error::NotFound`] if something that the job refers to does not exist,
 /// [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<JobRow> {
     tx.require_disk_space()?;
     let (first_set_id, further_set_ids) = new.set_ids.split_first().ok_or(Error::NotFound)?;
+    robots::lock_in_use(tx, &new.robot_id).await?;
+    archive::require_in_use(tx, new.inputs()).await?;
     let id = IdPrefix::Job.new_id();
     let values = values![
         id,

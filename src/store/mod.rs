@@ -84,7 +84,7 @@ pub use parameter_sets::{CheckedState, NewParameterSet, ParameterSetRow, Release
 pub use policies::PolicyRow;
 pub use robot_versions::RobotEdit;
 pub use robots::{NewRobot, RobotCheck, RobotRow};
-pub use verifications::VerificationRow;
+pub use verifications::{ScoredRelease, VerificationRow};
 
 pub use crate::wire::job_answer::JobStatus;
 pub use crate::wire::parameter_set::ParameterSetStatus;
@@ -95,6 +95,7 @@ pub fn all_queries(engine: Engine) -> Vec<String> {
         Engine::Sqlite => [
             leases::QUERIES_SQLITE,
             backup::QUERIES_SQLITE,
+            stuck::QUERIES_SQLITE,
             verify::QUERIES_SQLITE,
         ]
         .concat(),

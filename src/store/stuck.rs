@@ -1,4 +1,4 @@
-//! Finds out for how long writers have been blocked. Writes nothing.
+//! Finds out for how long writers have been blocked.
 
 use std::time::Duration;
 
@@ -8,6 +8,8 @@ use super::sql::{self, values};
 use super::{Engine, Result, Store};
 
 pub(super) const QUERIES_POSTGRES: &[&str] = &[LOCK_HOLDER];
+
+pub(super) const QUERIES_SQLITE: &[&str] = &[TRIAL_WRITE];
 
 // The session that has blocked writers for the longest time. It does not wait for a lock itself; other sessions wait for it, or it holds
 // the head of the audit chain, which every write needs. `state_change` is the time at which the session last began or finished a statement.
@@ -26,7 +28,11 @@ const LOCK_HOLDER: &str = "
             where waiting.datname = current_database() and waiting.wait_event_type = 'Lock')
     order by holder.state_change limit 1";
 
-/// Longest wait of the trial transaction for the write lock. Taking a free lock needs less time.
+// Writes the head of the database's file as it is: nothing else uses this number. The commit shows whether the disk takes writes; an update that
+// changes no value writes nothing to the disk.
+const TRIAL_WRITE: &str = "pragma user_version = 0";
+
+/// Longest wait for the trial transaction. Where the lock is free and the disk works, it needs less time.
 const TRIAL_TIMEOUT: Duration = Duration::from_millis(200);
 
 /// Blocked writers.
@@ -61,14 +67,18 @@ pub async fn stuck_writers(store: &Store) -> Result<Option<StuckWriters>> {
     }))
 }
 
-/// Only this process writes to SQLite, so it is enough to look at its own writes. If the last write failed and no write is under way, a trial
-/// transaction shows whether writes succeed again. The trial takes at most [`TRIAL_TIMEOUT`].
+/// Only this process writes to SQLite, so it is enough to look at its own writes. If no write is under way and the last one
+/// failed, or began and was not committed, a trial write shows whether writes succeed: that it can begin does not show that it can be committed. The trial takes at most [`TRIAL_TIMEOUT`].
 async fn stuck_sqlite_writers(store: &Store) -> Option<StuckWriters> {
     let writes = &store.inner.writes;
     writes.stuck_for()?;
     if !writes.is_any_under_way() {
         let store = store.clone();
-        let trial = tokio::spawn(async move { store.begin().await?.rollback().await });
+        let trial = tokio::spawn(async move {
+            let mut tx = store.begin().await?;
+            sql::execute(tx.connection(), TRIAL_WRITE, values![]).await?;
+            tx.commit().await
+        });
         // The trial records its result in `writes`.
         let _ = timeout(TRIAL_TIMEOUT, trial).await;
     }

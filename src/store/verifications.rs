@@ -87,6 +87,21 @@ row! {
 }
 
 row! {
+    /// What a job found about a robot's released set, with one of the uploads whose points it scored.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct ScoredRelease {
+        /// What the job found.
+        pub facts: VerificationRow,
+        /// When the upload was stored.
+        pub uploaded_at_ms: i64,
+        /// How its bytes were interpreted (`wire::understood::Reading`).
+        pub reading_json: Option<String>,
+        /// Whether the set was identified from, or verified on, the job's measurement set.
+        pub is_own_upload: bool,
+    }
+}
+
+row! {
     /// A later session on which this parameter set was not scored: another set was identified from it or scored on it.
     #[derive(Clone, Debug, PartialEq)]
     pub struct LaterSession {
@@ -177,6 +192,7 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     OF_JOB,
     OF_SET,
     SCORED_UPLOADS,
+    OF_RELEASED_SETS,
     OF_NEWEST_SETS,
     COUNT,
     LATER_SESSIONS,
@@ -209,6 +225,22 @@ const SCORED_UPLOADS: &str = "
     from verification v join job j on j.id = v.job_id join job_upload o on o.job_id = j.id
         join measurement_set m on m.id = coalesce(j.verify_set_id, o.measurement_set_id)
     where v.parameter_set_id = $1";
+
+// $1 is a comma-separated list of robot ids, at most one page.
+const OF_RELEASED_SETS: &str = concat!(
+    "select f.*, u.created_at_ms as uploaded_at_ms, u.reading_json as reading_json,
+        case when f.measurement_set_id = own.verify_set_id
+                or exists (select 1 from job_upload w where w.job_id = own.id and w.measurement_set_id = f.measurement_set_id)
+            then 1 else 0 end as is_own_upload
+     from (",
+    rows!(),
+    " where v.parameter_set_id in (select p.id from robot r join parameter_set p on p.robot_id = r.id and p.status = 'released'
+            where replace($1, r.id, '') <> $1)) f
+        join parameter_set s on s.id = f.parameter_set_id join job own on own.id = s.job_id
+        join job scorer on scorer.id = f.job_id join job_upload o on o.job_id = f.job_id
+        join measurement_set u on u.id = coalesce(scorer.verify_set_id, o.measurement_set_id)
+     order by f.robot_id, f.seq"
+);
 
 // $1 is a comma-separated list of robot ids, at most one page.
 const OF_NEWEST_SETS: &str = concat!(
@@ -343,6 +375,16 @@ pub async fn of_set(store: &Store, parameter_set_id: &str) -> Result<Vec<Verific
 /// The uploads whose points the jobs of a parameter set scored. For an identification, these are the uploads of its held-out points.
 pub async fn scored_uploads(store: &Store, parameter_set_id: &str) -> Result<Vec<ScoredUpload>> {
     sql::all(store.readers(), SCORED_UPLOADS, values![parameter_set_id]).await
+}
+
+/// All facts of the released set of each of these robots, for their trends. The facts of one robot follow each other, in order; a job of several
+/// sessions has one row for each of their uploads.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn of_released_sets(store: &Store, robot_ids: &[&str]) -> Result<Vec<ScoredRelease>> {
+    let values = values![format!(",{}", robot_ids.join(","))];
+    sql::all(store.readers(), OF_RELEASED_SETS, values).await
 }
 
 /// All facts of the newest set of each of these robots, for the overview. The facts of one set follow each other, in order.

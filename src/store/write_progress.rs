@@ -14,9 +14,9 @@ pub(super) struct WriteProgress(Mutex<State>);
 #[derive(Debug, Default)]
 struct State {
     n_under_way: usize,
-    /// Whether the last finished write failed.
-    has_failed: bool,
-    /// Start of the period without a successful write; none if no write is waiting and the last write did not fail.
+    /// Whether the last finished write failed, or left open whether writes succeed.
+    is_in_doubt: bool,
+    /// Start of the period without a successful write; none if no write is waiting and none is in doubt.
     since: Option<Instant>,
 }
 
@@ -24,8 +24,21 @@ struct State {
 #[derive(Debug)]
 pub(super) struct PendingWrite {
     progress: Arc<WriteProgress>,
-    /// Result of the last step; none if the client disconnected while the write waited.
-    succeeded: Option<bool>,
+    reached: Reached,
+}
+
+/// How far a write came.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Reached {
+    /// It waits for its transaction. If it ends here, its client went away, which says nothing.
+    Waiting,
+    /// Its transaction began, so no lock blocks writers. If it ends here, its request was refused or one of its statements failed, which is not
+    /// told apart: whether writes succeed is open.
+    Begun,
+    /// It was committed, or had nothing to write.
+    Succeeded,
+    /// Its transaction did not begin, or its commit failed.
+    Failed,
 }
 
 impl WriteProgress {
@@ -50,13 +63,24 @@ impl PendingWrite {
         drop(state);
         PendingWrite {
             progress: Arc::clone(progress),
-            succeeded: None,
+            reached: Reached::Waiting,
         }
     }
 
-    /// Records the result of a step: the start of the transaction, or its commit.
-    pub(super) fn record<T>(&mut self, result: &Result<T>) {
-        self.succeeded = Some(result.is_ok());
+    /// Records whether the transaction began.
+    pub(super) fn begun<T>(&mut self, result: &Result<T>) {
+        self.reached = match result {
+            Ok(_) => Reached::Begun,
+            Err(_) => Reached::Failed,
+        };
+    }
+
+    /// Records whether the transaction was committed, or rolled back because it had nothing to write.
+    pub(super) fn ended<T>(&mut self, result: &Result<T>) {
+        self.reached = match result {
+            Ok(_) => Reached::Succeeded,
+            Err(_) => Reached::Failed,
+        };
     }
 }
 
@@ -64,11 +88,70 @@ impl Drop for PendingWrite {
     fn drop(&mut self) {
         let mut state = self.progress.state();
         state.n_under_way -= 1;
-        state.has_failed = self.succeeded.map_or(state.has_failed, |success| !success);
-        if self.succeeded == Some(true) {
-            state.since = (state.n_under_way > 0).then(Instant::now);
-        } else if state.n_under_way == 0 && !state.has_failed {
-            state.since = None;
+        match self.reached {
+            Reached::Succeeded => {
+                state.is_in_doubt = false;
+                state.since = (state.n_under_way > 0).then(Instant::now);
+            }
+            Reached::Failed => state.is_in_doubt = true,
+            Reached::Begun if !state.is_in_doubt => {
+                state.is_in_doubt = true;
+                state.since = Some(Instant::now());
+            }
+            Reached::Waiting if state.n_under_way == 0 && !state.is_in_doubt => state.since = None,
+            Reached::Begun | Reached::Waiting => {}
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{PendingWrite, WriteProgress};
+    use crate::store::{Error, Result};
+    use std::sync::Arc;
+
+    fn begun(progress: &Arc<WriteProgress>) -> PendingWrite {
+        let mut write = PendingWrite::begin(progress);
+        write.begun(&Result::Ok(()));
+        write
+    }
+
+    fn failed() -> Result<()> {
+        Err(Error::Database(sqlx::Error::WorkerCrashed))
+    }
+
+    #[test]
+    fn a_transaction_that_began_and_was_not_committed_is_no_success() {
+        let progress = Arc::default();
+        drop(begun(&progress));
+        assert!(progress.stuck_for().is_some(), "a trial has to show it");
+        // Nor does it make good for a failure before it.
+        begun(&progress).ended(&failed());
+        let since = progress.state().since;
+        drop(begun(&progress));
+        assert_eq!(progress.state().since, since);
+        begun(&progress).ended(&Result::Ok(()));
+        assert_eq!(progress.stuck_for(), None);
+    }
+
+    #[test]
+    fn refused_requests_are_not_told_as_a_period_without_a_write() {
+        let progress = Arc::default();
+        let _other = PendingWrite::begin(&progress);
+        let before = progress.state().since;
+        drop(begun(&progress));
+        assert!(progress.state().since > before, "no lock blocks writers");
+    }
+
+    #[test]
+    fn a_client_that_goes_away_while_it_waits_says_nothing() {
+        let progress = Arc::default();
+        drop(PendingWrite::begin(&progress));
+        assert_eq!(progress.stuck_for(), None);
+        let mut refused = PendingWrite::begin(&progress);
+        refused.begun(&failed());
+        drop(refused);
+        drop(PendingWrite::begin(&progress));
+        assert!(progress.stuck_for().is_some());
     }
 }

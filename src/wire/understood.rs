@@ -112,7 +112,7 @@ pub struct JoinBody {
     pub loose_names: bool,
     /// What is no part of the points' names, if names pair only without it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub left_out: Option<LeftOutBody>,
+    pub left_out: Option<LeftOut>,
     /// True if the instrument's file is a continuous log (at least two rows per second). Then one position is taken from each standstill.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub instrument_log: bool,
@@ -126,43 +126,6 @@ pub struct JoinBody {
     pub leftover_robot: Leftovers,
     /// Rows of the instrument's file without a partner.
     pub leftover_instrument: Leftovers,
-}
-
-/// What is no part of the points' names.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[schema(as = LeftOutOfNames)]
-pub struct LeftOutBody {
-    /// What all names of the robot's file begin with; absent if it is part of the names.
-    #[serde(default, skip_serializing_if = "String::is_empty")]
-    pub robot: String,
-    /// What all names of the instrument's file begin with; absent if it is part of the names.
-    #[serde(default, skip_serializing_if = "String::is_empty")]
-    pub instrument: String,
-    /// True if `P1_1` and `P1_2` of the instrument are repetitions of the robot's `P1`.
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub repetitions: bool,
-}
-
-impl LeftOutBody {
-    /// What is left out, in words.
-    pub fn in_words(&self) -> String {
-        let files = [("robot", &self.robot), ("instrument", &self.instrument)];
-        let begins = files.iter().filter(|(_, begin)| !begin.is_empty());
-        let mut all: Vec<String> = begins
-            .map(|(file, begin)| {
-                format!(
-                    "{begin:?}, with which all names of the {file} file begin, is no part of them"
-                )
-            })
-            .collect();
-        if self.repetitions {
-            all.push(
-                "the last number of the instrument's names counts the repetitions of a point"
-                    .into(),
-            );
-        }
-        all.join("; ")
-    }
 }
 
 /// Rows without a partner.
@@ -393,11 +356,7 @@ impl From<&Join> for JoinBody {
             tolerance_s: join.tolerance_s,
             clock_offset_s: join.clock_offset_s,
             loose_names: join.loose_names,
-            left_out: join.left_out.as_ref().map(|left_out| LeftOutBody {
-                robot: left_out.robot.clone(),
-                instrument: left_out.instrument.clone(),
-                repetitions: left_out.repetitions,
-            }),
+            left_out: join.left_out.clone(),
             instrument_log: join.instrument_log,
             settled_standstills: join.settled_standstills,
             over_midnight: join.over_midnight,
@@ -428,11 +387,7 @@ impl JoinBody {
             tolerance_s: self.tolerance_s,
             clock_offset_s: self.clock_offset_s,
             loose_names: self.loose_names,
-            left_out: self.left_out.as_ref().map(|left_out| LeftOut {
-                robot: left_out.robot.clone(),
-                instrument: left_out.instrument.clone(),
-                repetitions: left_out.repetitions,
-            }),
+            left_out: self.left_out.clone(),
             instrument_log: Some(self.instrument_log),
             settled_standstills: self.settled_standstills,
             refuse_apart: false,

@@ -1,7 +1,7 @@
 //! What the pages say agrees with the points, with the report and from page to page.
 
 use crate::browser::{Browser, Driver};
-use crate::hall::{Plant, data};
+use crate::hall::{Plant, data, job_hash, job_page};
 use crate::{in_browser, in_place, sign_in};
 use serde_json::{Value, json};
 use std::collections::HashMap;
@@ -59,8 +59,8 @@ fn a_robot_that_has_changed_is_called_so_on_every_page_and_its_file_is_not_blame
         sign_in(browser, &key).await;
         let says = "The robot has changed: the active set misses by ";
         browser.until_it_says(says).await;
-        let page = format!("/#/jobs/{}", job["id"].as_str().unwrap());
-        let set = format!("/#/jobs/{}", identified["id"].as_str().unwrap());
+        let page = job_page(&job);
+        let set = job_page(&identified);
         browser.go(&set).await;
         browser
             .until_it_says("It is in force, but a session speaks against the robot")
@@ -123,7 +123,7 @@ fn what_is_left_out_has_its_name_in_the_first_file_and_leaves_the_halves_as_they
     in_browser(&driver, &hall.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("result to review").await;
-        let page = format!("#/jobs/{}", job["id"].as_str().unwrap());
+        let page = job_hash(&job);
         browser.run(&format!("location.hash = '{page}'")).await;
         browser
             .until("document.querySelector('.residuals tbody tr')")
@@ -168,15 +168,14 @@ fn a_filtered_table_stays_in_sight_and_the_menu_exports_every_point() {
     };
     let hall = Plant::open();
     let robot = hall.robot("Cell 42", "ER20-0162");
-    let set = hall.set(&robot, "first_noisy.csv", "first");
-    let job = hall.calibrated(&robot, &set, "least_squares");
+    let job = hall.identified(&robot, "first_noisy.csv");
     let folder = hall.folder.path().join("downloads");
     let key = hall.key(&["read"]);
     in_browser(&driver, &hall.server, async |browser: &Browser| {
         browser.download_to(&folder).await;
         sign_in(browser, &key).await;
         browser.until_it_says("result to review").await;
-        let page = format!("/#/jobs/{}", job["id"].as_str().unwrap());
+        let page = job_page(&job);
         browser.go(&page).await;
         browser.until_it_says("Download these 100 rows").await;
         browser
@@ -265,9 +264,7 @@ fn a_withdrawn_set_says_so_at_the_top_of_its_report_with_a_verdict_and_the_point
     let key = hall.key(&["read"]);
     in_browser(&driver, &hall.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
-        browser
-            .go(&format!("/#/jobs/{}", job["id"].as_str().unwrap()))
-            .await;
+        browser.go(&job_page(&job)).await;
         let of_the_fit = "to 99 of 100 points (P42 left out as an outlier)";
         browser.until_it_says(of_the_fit).await;
         browser.go(&page).await;
@@ -291,8 +288,7 @@ fn the_workspace_of_a_robot_on_the_floor_ends_at_the_floor_and_a_set_has_the_nam
     };
     let hall = Plant::open();
     let robot = hall.robot("Cell 44", "ER20-0164");
-    let set = hall.set(&robot, "first_noisy.csv", "first");
-    let job = hall.calibrated(&robot, &set, "least_squares");
+    let job = hall.identified(&robot, "first_noisy.csv");
     hall.release(&job, "the first one");
     let document: Value =
         serde_json::from_slice(&std::fs::read(data("robot.json")).unwrap()).unwrap();
@@ -300,7 +296,7 @@ fn the_workspace_of_a_robot_on_the_floor_ends_at_the_floor_and_a_set_has_the_nam
     in_browser(&driver, &hall.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("released").await;
-        let page = format!("/#/jobs/{}", job["id"].as_str().unwrap());
+        let page = job_page(&job);
         browser.go(&page).await;
         browser.button("Show it").await.click().await.unwrap();
         browser

@@ -1,7 +1,7 @@
 //! The arm in 3-D, and the figures and the table that share its selection.
 
 use crate::browser::{Browser, DESKTOP, Driver, Look, PHONE, TABLET};
-use crate::hall::{Plant, data};
+use crate::hall::{Plant, data, job_hash, job_page};
 use crate::{in_browser, in_place, sign_in};
 use kincal::kinematics::{Robot, forward_kinematics};
 use kincal::wire::robot::RobotBody;
@@ -90,11 +90,7 @@ fn a_point_that_is_picked_in_one_figure_is_picked_in_all() {
     };
     let hall = Plant::open();
     let robot = hall.robot("Cell 11", "ER20-0131");
-    let job = hall.calibrated(
-        &robot,
-        &hall.set(&robot, "first_noisy.csv", "first"),
-        "least_squares",
-    );
+    let job = hall.identified(&robot, "first_noisy.csv");
     let key = hall.key(&["read", "upload", "identify"]);
     in_browser(&driver, &hall.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
@@ -211,16 +207,12 @@ fn a_point_is_left_out_with_its_reason_and_the_rest_is_calibrated_again() {
     };
     let hall = Plant::open();
     let robot = hall.robot("Cell 12", "ER20-0132");
-    let job = hall.calibrated(
-        &robot,
-        &hall.set(&robot, "first_noisy.csv", "first"),
-        "least_squares",
-    );
+    let job = hall.identified(&robot, "first_noisy.csv");
     let key = hall.key(&["read", "upload", "identify"]);
     in_browser(&driver, &hall.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("result to review").await;
-        let page = format!("#/jobs/{}", job["id"].as_str().unwrap());
+        let page = job_hash(&job);
         browser.run(&format!("location.hash = '{page}'")).await;
         browser.select_first_point().await;
         browser
@@ -287,7 +279,7 @@ fn after_another_session_the_release_is_next_and_a_stray_row_of_two_files_can_be
     let key = hall.key(&["read", "upload", "identify", "release"]);
     in_browser(&driver, &hall.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
-        let page = format!("/#/jobs/{}", first["id"].as_str().unwrap());
+        let page = job_page(&first);
         browser.go(&page).await;
         browser.until_it_says("Look at row 17").await;
         let request = json!({"kind": "verify", "measurement_set_id": second, "parameter_set_id": first["parameter_set_id"]});
@@ -326,11 +318,7 @@ fn no_page_scrolls_sideways_on_a_desk_a_tablet_or_a_phone() {
     };
     let hall = Plant::open();
     let robot = hall.robot("Cell 13", "ER20-0133");
-    let job = hall.calibrated(
-        &robot,
-        &hall.set(&robot, "first_noisy.csv", "first"),
-        "least_squares",
-    );
+    let job = hall.identified(&robot, "first_noisy.csv");
     let key = hall.key(&["admin"]);
     in_browser(&driver, &hall.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
@@ -341,7 +329,7 @@ fn no_page_scrolls_sideways_on_a_desk_a_tablet_or_a_phone() {
             format!("/#/robots/{robot}/plan"),
             format!("/#/robots/{robot}/correct"),
             format!("/#/robots/{robot}/compare"),
-            format!("/#/jobs/{}", job["id"].as_str().unwrap()),
+            job_page(&job),
             "/docs".into(),
         ];
         for (size, dark) in [(DESKTOP, false), (TABLET, true), (PHONE, false)] {
@@ -366,6 +354,72 @@ fn no_page_scrolls_sideways_on_a_desk_a_tablet_or_a_phone() {
                 );
             }
         }
+        browser.assert_quiet(&[]).await;
+    });
+}
+
+#[test]
+fn a_long_result_has_links_to_its_parts_and_the_robots_page_shows_the_arm_that_runs() {
+    let Some(driver) = Driver::start() else {
+        return;
+    };
+    let hall = Plant::open();
+    let robot = hall.robot("Cell 45", "ER20-0165");
+    let job = hall.identified(&robot, "first_noisy.csv");
+    hall.release(&job, "the first one");
+    let key = hall.key(&["read", "upload", "identify", "release"]);
+    in_browser(&driver, &hall.server, async |browser: &Browser| {
+        sign_in(browser, &key).await;
+        for size in [DESKTOP, PHONE] {
+            browser.look(Look { size, dark: false }).await;
+            browser.go(&job_page(&job)).await;
+            browser.until("document.querySelector('.contents a')").await;
+            let parts = browser
+                .run("return [...document.querySelectorAll('.contents a')].map((a) => a.innerText)")
+                .await;
+            for part in [
+                "What to do next",
+                "Parameter set",
+                "Parameters",
+                "Export: take it along",
+            ] {
+                let parts = parts.as_array().unwrap();
+                assert!(parts.iter().any(|one| one == part), "{part}: {parts:?}");
+            }
+            // by the keyboard
+            browser
+                .run("[...document.querySelectorAll('.contents a')].find((a) => a.innerText === 'Parameters').focus()")
+                .await;
+            browser.press(Key::Enter).await;
+            browser
+                .until("document.activeElement.innerText === 'Parameters' && document.activeElement.matches('h2')")
+                .await;
+            let seen = browser
+                .run("const { top } = document.activeElement.getBoundingClientRect(); return top >= 0 && top < innerHeight / 4")
+                .await;
+            assert_eq!(seen, json!(true), "its heading is at the top");
+            assert!(
+                browser
+                    .run("return location.hash")
+                    .await
+                    .as_str()
+                    .unwrap()
+                    .contains("/jobs/")
+            );
+        }
+        browser
+            .look(Look {
+                size: DESKTOP,
+                dark: false,
+            })
+            .await;
+        browser.go(&format!("/#/robots/{robot}")).await;
+        browser
+            .until_it_says("by the parameters of the active set")
+            .await;
+        browser
+            .until("document.querySelector('figure.arm canvas.scene')")
+            .await;
         browser.assert_quiet(&[]).await;
     });
 }

@@ -1,7 +1,7 @@
 //! What a file leaves open is asked, and what several causes explain is told as such: conventions, tips, sheets, mirrored tables, the pendant.
 
 use crate::browser::{Browser, Driver, Picture};
-use crate::hall::{Plant, data};
+use crate::hall::{Plant, data, job_hash, job_page};
 use crate::{in_browser, in_place, sign_in};
 use kincal::kinematics::{Robot, t_base_flange};
 use kincal::wire::robot::RobotBody;
@@ -336,8 +336,8 @@ fn a_serial_number_is_stated_by_whoever_read_it_and_stays_with_the_set() {
             .await;
         let value = "return document.querySelector('#stated-serial').value";
         assert_eq!(browser.run(value).await, "");
-        let page = format!("#/jobs/{}", job["id"].as_str().unwrap());
-        browser.go(&format!("/{page}")).await;
+        let page = job_hash(&job);
+        browser.go(&job_page(&job)).await;
         browser.select_first_point().await;
         let leave = browser.button("Leave it out …").await;
         leave.click().await.unwrap();

@@ -21,13 +21,7 @@ fn two_hundred_robots_are_found_by_what_they_need() {
         })
         .collect();
     // One waits for its first release; one was released.
-    let calibrated = |i: usize| {
-        hall.calibrated(
-            &ids[i],
-            &hall.set(&ids[i], "first_noisy.csv", "first"),
-            "least_squares",
-        )
-    };
+    let calibrated = |i: usize| hall.identified(&ids[i], "first_noisy.csv");
     calibrated(17);
     hall.release(&calibrated(42), "in order");
     let key = hall.key(&["read"]);
@@ -99,11 +93,7 @@ fn links_and_new_tabs_are_signed_in_until_somebody_signs_out() {
     };
     let hall = Plant::open();
     let robot = hall.robot("Cell 14", "ER20-0134");
-    let job = hall.calibrated(
-        &robot,
-        &hall.set(&robot, "first_noisy.csv", "first"),
-        "least_squares",
-    );
+    let job = hall.identified(&robot, "first_noisy.csv");
     let key = hall.key(&["read"]);
     in_browser(&driver, &hall.server, async |browser: &Browser| {
         sign_in(browser, &key).await;

@@ -90,6 +90,11 @@ impl Plant {
         self.server.finished(&job)
     }
 
+    /// Calibrates a robot with one of the paper's sets, by least squares. Returns the job.
+    pub fn identified(&self, robot: &str, file: &str) -> Value {
+        self.calibrated(robot, &self.set(robot, file, "first"), "least_squares")
+    }
+
     /// Posts a calibration that runs until it is cancelled.
     pub fn long_job(&self, robot: &str, set: &str) -> String {
         let options = json!({"n_particles": 3000, "n_iterations": 10_000, "stop_at_cost_mm2": 0.0});
@@ -123,4 +128,14 @@ pub fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("data/paper")
         .join(name)
+}
+
+/// The part of a job's address behind the host's page.
+pub fn job_hash(job: &Value) -> String {
+    format!("#/jobs/{}", job["id"].as_str().unwrap())
+}
+
+/// The page of a job.
+pub fn job_page(job: &Value) -> String {
+    format!("/{}", job_hash(job))
 }

@@ -24,7 +24,7 @@ mod watched;
 mod workbooks;
 
 use browser::{Browser, Driver, Look, Picture};
-use hall::{Plant, data};
+use hall::{Plant, data, job_hash};
 use process::{Server, run};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -216,14 +216,7 @@ fn what_the_service_says_stands_on_the_pages() {
     };
     let hall = Plant::open();
     let robot = hall.robot("Cell 9", "ER20-0122");
-    hall.release(
-        &hall.calibrated(
-            &robot,
-            &hall.set(&robot, "first_noisy.csv", "first"),
-            "least_squares",
-        ),
-        "the first one",
-    );
+    hall.release(&hall.identified(&robot, "first_noisy.csv"), "the first one");
     let visited = hall.file("revisited.csv", &revisited_csv());
     let path = format!("/v1/robots/{robot}/measurement-sets?frame=base&name=revisited");
     let set = hall
@@ -525,11 +518,7 @@ fn a_key_opens_what_it_may_and_names_are_only_names() {
         browser.press(key.as_str()).await;
         browser.press(Key::Enter).await;
         browser.until_it_says("test: read").await;
-        for hash in [
-            "#/".into(),
-            format!("#/robots/{robot}"),
-            format!("#/jobs/{}", job["id"].as_str().unwrap()),
-        ] {
+        for hash in ["#/".into(), format!("#/robots/{robot}"), job_hash(&job)] {
             browser
                 .run(&format!("location.hash = {}", json!(hash)))
                 .await;

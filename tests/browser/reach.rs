@@ -1,7 +1,7 @@
 //! Accessibility of every page: on a desktop and on a tablet, in both themes, and with the keyboard alone.
 
 use crate::browser::{Browser, DESKTOP, Driver, Look, Picture, TABLET};
-use crate::hall::Plant;
+use crate::hall::{Plant, job_hash};
 use crate::{in_browser, in_place, sign_in};
 use serde_json::{Value, json};
 use thirtyfour::Key;
@@ -86,20 +86,12 @@ fn everything_is_within_reach_of_the_keyboard() {
     };
     let hall = Plant::open();
     let robot = hall.robot("Cell 8", "ER20-0121");
-    let job = hall.calibrated(
-        &robot,
-        &hall.set(&robot, "first_noisy.csv", "first"),
-        "least_squares",
-    );
+    let job = hall.identified(&robot, "first_noisy.csv");
     let key = hall.key(&["admin"]);
     in_browser(&driver, &hall.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("result to review").await;
-        for hash in [
-            "#/".to_owned(),
-            format!("#/robots/{robot}"),
-            format!("#/jobs/{}", job["id"].as_str().unwrap()),
-        ] {
+        for hash in ["#/".to_owned(), format!("#/robots/{robot}"), job_hash(&job)] {
             browser
                 .run(&format!("location.hash = {}", json!(hash)))
                 .await;
@@ -159,11 +151,7 @@ fn tools_and_work_frames_are_kept_and_cartesian_targets_corrected() {
     };
     let hall = Plant::open();
     let robot = hall.robot("Cell 18", "ER20-0138");
-    hall.calibrated(
-        &robot,
-        &hall.set(&robot, "first_noisy.csv", "first"),
-        "least_squares",
-    );
+    hall.identified(&robot, "first_noisy.csv");
     let q_deg = [10.0, -30.0, 20.0, 15.0, 40.0, 5.0];
     let body = json!({"q_deg": q_deg}).to_string().into_bytes();
     let path = format!("/v1/robots/{robot}/posture");
@@ -291,11 +279,7 @@ fn a_program_comes_back_in_its_own_form_and_faults_name_its_lines() {
     };
     let hall = Plant::open();
     let robot = hall.robot("Cell 23", "ER20-0143");
-    let job = hall.calibrated(
-        &robot,
-        &hall.set(&robot, "first_noisy.csv", "first"),
-        "least_squares",
-    );
+    let job = hall.identified(&robot, "first_noisy.csv");
     let set = job["parameter_set_id"].as_str().unwrap();
     let key = hall.key(&["read"]);
     in_browser(&driver, &hall.server, async |browser: &Browser| {

@@ -1,7 +1,7 @@
 //! A robot's log and an instrument's export: what the page asks, shows and gives back of them.
 
 use crate::browser::{Browser, Driver, Look};
-use crate::hall::{Plant, data};
+use crate::hall::{Plant, data, job_page};
 use crate::{in_browser, sign_in};
 use std::path::Path;
 
@@ -228,8 +228,7 @@ fn what_is_wrong_with_a_program_stands_at_its_field_and_the_keyboard_stays_near(
     };
     let hall = Plant::open();
     let robot = hall.robot("Cell 34", "ER20-0154");
-    let set = hall.set(&robot, "first_noisy.csv", "first");
-    let job = hall.calibrated(&robot, &set, "least_squares");
+    let job = hall.identified(&robot, "first_noisy.csv");
     let key = hall.key(&["read", "upload", "identify"]);
     let header = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg";
     let joints = "10,-20,30,0,45,0";
@@ -287,9 +286,7 @@ fn what_is_wrong_with_a_program_stands_at_its_field_and_the_keyboard_stays_near(
             .await;
 
         // in the panel of a point the keyboard stays where it was
-        browser
-            .go(&format!("/#/jobs/{}", job["id"].as_str().unwrap()))
-            .await;
+        browser.go(&job_page(&job)).await;
         browser.select_first_point().await;
         for (press, then) in [
             ("Leave it out …", "Keep it"),

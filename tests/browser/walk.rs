@@ -1,7 +1,7 @@
 //! The way of somebody who has never calibrated a robot: what the pages say next, and what they ask only once.
 
 use crate::browser::{Browser, Driver};
-use crate::hall::{Plant, data};
+use crate::hall::{Plant, data, job_page};
 use crate::{in_browser, sign_in};
 use serde_json::json;
 
@@ -49,11 +49,7 @@ fn a_verification_says_what_to_do_next_and_so_does_the_set_afterwards() {
     };
     let hall = Plant::open();
     let robot = hall.robot("Cell 15", "ER20-0135");
-    let first = hall.calibrated(
-        &robot,
-        &hall.set(&robot, "first_noisy.csv", "first"),
-        "least_squares",
-    );
+    let first = hall.identified(&robot, "first_noisy.csv");
     let second = hall.set(&robot, "followup_unchanged.csv", "second");
     let request = json!({"kind": "verify", "measurement_set_id": second, "parameter_set_id": first["parameter_set_id"]});
     let verification = hall.server.finished(&hall.server.job(&robot, &request));
@@ -61,14 +57,13 @@ fn a_verification_says_what_to_do_next_and_so_does_the_set_afterwards() {
     in_browser(&driver, &hall.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("result to review").await;
-        let page = |job: &serde_json::Value| format!("/#/jobs/{}", job["id"].as_str().unwrap());
-        browser.go(&page(&verification)).await;
+        browser.go(&job_page(&verification)).await;
         browser
             .until_it_says(
                 "The set holds on this session. Its page says whether a release would be accepted.",
             )
             .await;
-        browser.go(&page(&first)).await;
+        browser.go(&job_page(&first)).await;
         browser
             .until_it_says("The fit holds on another session. It can be released below.")
             .await;
@@ -149,11 +144,7 @@ fn archived_robots_are_found_and_jobs_are_counted_by_the_service() {
     let hall = Plant::open();
     let robot = hall.robot("Cell 17", "ER20-0137");
     let scrapped = hall.robot("Cell 18, scrapped", "ER20-0138");
-    hall.calibrated(
-        &robot,
-        &hall.set(&robot, "first_noisy.csv", "first"),
-        "least_squares",
-    );
+    hall.identified(&robot, "first_noisy.csv");
     let reason = json!({"reason": "scrapped"}).to_string().into_bytes();
     let path = format!("/v1/robots/{scrapped}/archive");
     let (status, answer) = hall.server.post(&path, "application/json", reason);

@@ -1,7 +1,7 @@
 //! The list of robots and the pages of a robot and its jobs say the same, and follow what runs.
 
 use crate::browser::{Browser, DESKTOP, Driver, Look, PHONE};
-use crate::hall::{Plant, data};
+use crate::hall::{Plant, data, job_page};
 use crate::{in_browser, in_place, sign_in};
 use serde_json::json;
 
@@ -135,7 +135,7 @@ fn a_result_that_does_not_fit_is_called_so_everywhere() {
                 .unwrap()
                 .contains("succeeded")
         );
-        let page = format!("/#/jobs/{}", job["id"].as_str().unwrap());
+        let page = job_page(&job);
         browser.go(&page).await;
         browser
             .until("document.querySelector('[data-state]')?.innerText === 'does not fit'")

@@ -315,7 +315,7 @@ fn a_joint_that_moved_between_the_sessions_is_named_with_its_size() {
     let size: f64 = size.unwrap_or_else(|| panic!("{detail}")).parse().unwrap();
     // known to 0.0005° (one standard deviation)
     assert!((size - 0.1).abs() < 0.002, "{detail}");
-    assert!(detail.contains(" σ)"), "{detail}");
+    assert!(detail.contains(" standard deviations)"), "{detail}");
     // of three sessions every pair is compared
     let three = sessions_of_a_robot_that_moved_before_the_third(6);
     let (code, detail) = refusal(run(&links_alone(&robot, &three)));

@@ -12,6 +12,7 @@ use crate::calibration::report::{ChangeKind, Changes, NamedChange, Warning};
 use crate::calibration::request::{CalibrationRequest, PreviousSession};
 use crate::calibration::solve::solution::least_squares_from;
 use crate::calibration::stages::watched;
+use crate::calibration::warning::probability_in_words;
 use crate::calibration::warnings::overstated_noise::OverstatedNoise;
 use crate::calibration::{Error, Monitor};
 use crate::frames::PreliminaryFrames;
@@ -31,9 +32,6 @@ const JUMP_SHARE: f64 = 0.2;
 const MAX_COLLISION_SHARE: f64 = 0.35;
 /// Maximum number of changes that are listed by name. Further changes are only counted.
 const LISTED: usize = 6;
-
-/// Smallest probability that is written as a number.
-const MIN_PROBABILITY: f64 = 1e-9;
 
 /// Compares `own`, the estimate of the request's session, with the previous session that the request names. `None` if there is none, or if nothing
 /// can be identified from it alone.
@@ -207,14 +205,6 @@ pub fn scale_remark(request: &CalibrationRequest) -> String {
     )
 }
 
-/// A probability as written in messages.
-pub fn probability_in_words(probability: f64) -> String {
-    match probability < MIN_PROBABILITY {
-        true => "below 1e-9".into(),
-        false => format!("{probability:.1e}"),
-    }
-}
-
 fn kind(changes: &[Change], n_combinations: usize, reach_mm: f64) -> ChangeKind {
     let jumps = changes
         .iter()
@@ -260,7 +250,7 @@ pub fn list(changes: &[&Change]) -> String {
         } else {
             " mm"
         };
-        format!("{name} by {delta:.4}{unit} ({sigmas:.1} σ)")
+        format!("{name} by {delta:.4}{unit} ({sigmas:.1} standard deviations)")
     };
     let mut items: Vec<String> = changes.iter().take(LISTED).map(item).collect();
     if changes.len() > LISTED {

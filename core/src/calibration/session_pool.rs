@@ -10,11 +10,10 @@ use crate::calibration::report::{PooledSession, PooledSessions};
 use crate::calibration::request::{
     CalibrationRequest, Method, Model, ParameterChoice, VerifySource,
 };
-use crate::calibration::session_comparison::{
-    estimate_with_noise, list, probability_in_words, scale_remark,
-};
+use crate::calibration::session_comparison::{estimate_with_noise, list, scale_remark};
 use crate::calibration::stages::{quiet, stage};
 use crate::calibration::validation::repeated_rows::is_anew;
+use crate::calibration::warning::probability_in_words;
 use crate::calibration::warnings::overstated_noise::{NOISE_OVERSTATED, OverstatedNoise};
 use crate::calibration::{Error, Monitor, unusable};
 use crate::identification::least_squares::evidence::Noise;
@@ -334,14 +333,15 @@ fn pooled(estimates: &[Estimate], alarm: f64) -> Result<Pool, Error> {
 fn differ(earlier: usize, later: usize, tested: &Tested, alarm: f64) -> Error {
     let detail = format!(
         "{} and {} are not one robot in one state, so nothing was fitted to both: from the one to the other {} (chi-square {:.1} of {} combinations that both see; \
-         an unchanged robot shows as much with probability {}, and at less than {alarm:.1e} sessions are refused). Identify each by itself, and find out what happened \
+         an unchanged robot shows as much with probability {}, and sessions are refused at less than {}). Identify each by itself, and find out what happened \
          to the robot between them",
         name(earlier),
         name(later),
         changes_of(tested),
         tested.chi_square,
         tested.n_combinations,
-        probability_in_words(tested.probability)
+        probability_in_words(tested.probability),
+        probability_in_words(alarm)
     );
     unusable(SESSIONS_DIFFER, detail)
 }

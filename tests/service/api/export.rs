@@ -134,10 +134,12 @@ async fn every_format_has_the_identified_kinematics() {
         .collect();
     let urdf = export("?format=urdf").await;
     assert_eq!(urdf.header("content-type"), Some("application/xml"));
-    assert!(
-        urdf.header("content-disposition")
-            .unwrap()
-            .ends_with(".urdf\"")
+    let robots = app.get("/v1/overview").await.ok(200);
+    let day = &text(&robots["items"][0]["created_at"])[..10];
+    let id = text(&json["parameter_set_id"]);
+    assert_eq!(
+        urdf.header("content-disposition").unwrap(),
+        format!("attachment; filename=\"ER20-C10_{day}_{id}.urdf\"")
     );
     let urdf = urdf.text();
     for q in configurations() {

@@ -1,7 +1,7 @@
 //! The report page: its content, and that it has no scripts or requests.
 
 use crate::api::closed_loop::{Cell, LIMITS_DEG, csv};
-use crate::app::{TestApp, paper, text};
+use crate::app::{Answer, TestApp, paper, text};
 use base64::Engine;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
@@ -570,4 +570,50 @@ async fn a_set_without_a_stated_time_was_measured_at_the_earliest_time_of_its_po
     assert_eq!(set["record"]["measured_at"], "2026-03-01T08:00:00.000Z");
     let points = format!("/v1/measurement-sets/{}", text(&set["id"]));
     assert_eq!(app.get(&points).await.ok(200)["record"], set["record"]);
+}
+
+#[tokio::test]
+async fn a_verdict_has_an_uncertainty_or_says_in_a_sentence_why_it_has_none() {
+    let app = TestApp::with_workers(1).await;
+    let robot = app.paper_robot().await;
+    let policy = app.request(reqwest::Method::PUT, &format!("{robot}/policy"));
+    let policy = policy.json(&json!({"tolerance_mm": 0.5}));
+    assert_eq!(Answer::of(policy).await.status, 200);
+    let tracker = "frame=instrument&range_std_mm=0.01&angle_std_deg=0.001";
+    let set = app
+        .upload_csv(&robot, tracker, paper("first_noisy.csv"))
+        .await;
+    let other = app
+        .upload_csv(&robot, "frame=instrument", paper("followup_unchanged.csv"))
+        .await;
+    let first = |request: Value| {
+        let mut whole = json!({"measurement_set_id": set["id"], "method": "least_squares"});
+        whole
+            .as_object_mut()
+            .unwrap()
+            .extend(request.as_object().unwrap().clone());
+        whole
+    };
+    for verify in [
+        json!({}),
+        json!({"verify": {"source": "set", "measurement_set_id": other["id"]}}),
+    ] {
+        let job = app.run(&robot, &first(verify.clone())).await;
+        let (page, _) = page(&app, &job).await;
+        let verdict = between(&page, "class=\"conformity\"", "</p>");
+        assert!(
+            verdict.contains(" ± ") && verdict.contains("WITHIN"),
+            "{verify}: {verdict}"
+        );
+        assert!(page.contains("± is the expanded uncertainty (95 %)"));
+    }
+    let few = json!({"verify": {"source": "fraction", "fraction": 0.04}});
+    let job = app.run(&robot, &first(few)).await;
+    let (page, _) = page(&app, &job).await;
+    assert!(page.contains("NOT SHOWN"), "{page}");
+    assert!(
+        page.contains("arm configurations, and it takes 5"),
+        "{}",
+        between(&page, "class=\"conformity\"", "<dl")
+    );
 }

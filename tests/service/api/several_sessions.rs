@@ -96,7 +96,7 @@ async fn a_robot_that_changed_between_the_sessions_is_named_and_has_no_result() 
     assert_eq!(job["error"]["code"], "sessions_differ");
     let detail = text(&job["error"]["detail"]);
     assert!(detail.contains("theta_offset_2 by 0.2"), "{detail}");
-    assert!(detail.contains(" σ)"), "{detail}");
+    assert!(detail.contains(" standard deviations)"), "{detail}");
     assert!(job.get("parameter_set_id").is_none());
     let sets = app.get(&format!("{robot}/parameter-sets")).await.ok(200);
     assert_eq!(sets["items"], json!([]));

@@ -2,9 +2,11 @@
 
 use std::collections::HashSet;
 
+use kincal::store::archive::{self, Archivable};
+use kincal::store::stuck::stuck_writers;
 use kincal::store::{
-    Conflict, Cursor, Error, ListRequest, NewApiKey, NewFrames, NewMeasurementSet, NewNetwork,
-    NewRobot, Page, api_keys, frames, jobs, measurement_sets, networks, robots,
+    Conflict, Cursor, Error, ListRequest, NewApiKey, NewFrames, NewJob, NewMeasurementSet,
+    NewNetwork, NewRobot, Page, api_keys, frames, jobs, measurement_sets, networks, robots,
 };
 use kincal::wire::job::{Model, Preset};
 
@@ -395,5 +397,47 @@ fn a_key_is_found_by_its_hash_until_it_is_revoked() {
                 .items,
             [revoked]
         );
+    });
+}
+
+#[test]
+fn a_job_that_is_posted_while_its_set_is_being_archived_is_refused() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let robot = a_robot(store, "r").await;
+        let (set, verify_set) = (a_set(store, &robot).await, a_set(store, &robot).await);
+        let new = NewJob {
+            verify_set_id: Some(verify_set.id.clone()),
+            ..new_job(&set, "{}")
+        };
+        for archived in [&set.id, &verify_set.id] {
+            let mut archiving = store.begin().await.unwrap();
+            let kind = Archivable::MeasurementSet;
+            archive::archive(&mut archiving, kind, archived, &robot.id, "key_1")
+                .await
+                .unwrap();
+            let (of_poster, posted) = (store.clone(), new.clone());
+            let post = tokio::spawn(async move {
+                let mut tx = of_poster.begin().await?;
+                jobs::insert(&mut tx, &posted, None).await?;
+                tx.commit().await
+            });
+            // The job waits for the other transaction, or has ended without.
+            while !post.is_finished() && stuck_writers(store).await.unwrap().is_none() {
+                tokio::task::yield_now().await;
+            }
+            archiving.commit().await.unwrap();
+            let posted = post.await.unwrap();
+            assert!(
+                matches!(&posted, Err(Error::Conflict(Conflict::Archived { id, .. })) if id == archived),
+                "{posted:?}"
+            );
+            let mut restoring = store.begin().await.unwrap();
+            archive::restore(&mut restoring, kind, archived, &robot.id)
+                .await
+                .unwrap();
+            restoring.commit().await.unwrap();
+        }
+        in_transaction(store, async |tx| jobs::insert(tx, &new, None).await).await;
     });
 }

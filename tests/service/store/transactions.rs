@@ -5,6 +5,7 @@ use std::time::Duration;
 use kincal::store::archive::{self, Archivable};
 use kincal::store::named_documents::{self, NamedDocumentKind, NewNamedDocument};
 use kincal::store::robot_versions::{self, RobotEdit};
+use kincal::store::stuck::stuck_writers;
 use kincal::store::{Conflict, Error, ListRequest, NewRobot, Store, Tx, audit, policies, robots};
 use kincal::wire::policy::PolicyBody;
 use sqlx::{Connection, Executor};
@@ -245,5 +246,17 @@ fn nothing_is_written_of_a_robot_that_was_archived_in_the_meantime() {
                 "{refused:?}"
             );
         }
+    });
+}
+
+#[test]
+fn after_a_write_that_was_not_committed_a_trial_shows_that_writes_succeed() {
+    on_sqlite(async |database| {
+        let store = &database.store;
+        let mut tx = store.begin().await.unwrap();
+        insert(&mut tx, "given up").await;
+        drop(tx);
+        assert_eq!(stuck_writers(store).await.unwrap(), None);
+        assert_eq!(names(store).await, [""; 0]);
     });
 }

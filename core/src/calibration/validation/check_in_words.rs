@@ -2,6 +2,7 @@
 
 use crate::calibration::method::{After, CheckVerdict};
 use crate::calibration::quick_check::{DetectableChange, FEW_CAUSES, LikeliestCause};
+use crate::calibration::warning::probability_in_words;
 
 /// Equations required per identified parameter. A pose gives three equations. Numbers of poses are multiples of five, and at least ten.
 const EQUATIONS_PER_NUMBER: usize = 4;
@@ -67,7 +68,10 @@ pub fn reason(found: &Found<'_>) -> String {
         format!(", {verified:.4} mm when it was verified")
     });
     let chance = found.probability.map_or(String::new(), |probability| {
-        format!("; an unchanged robot shows as much with probability {probability:.2e}")
+        format!(
+            "; an unchanged robot shows as much with probability {}",
+            probability_in_words(probability)
+        )
     });
     let errors = format!("{rms_mm:.4} mm rms on the points{verified}{chance}");
     match found.verdict {
@@ -106,7 +110,7 @@ fn causes(likeliest: &[LikeliestCause]) -> String {
     let of = |cause: &LikeliestCause| {
         let unit = if cause.unit == "deg" { "°" } else { " mm" };
         format!(
-            "{} by {:.4}{unit} ({:.1} σ)",
+            "{} by {:.4}{unit} ({:.1} standard deviations)",
             cause.name, cause.delta, cause.sigmas
         )
     };

@@ -75,23 +75,26 @@ impl PlacedRows {
     ) -> Vec<Pair> {
         let model = &self.model;
         let same_mm = SAME_POSE_RAD * reach_mm(&robot.links);
-        let x_mm = |(row, p): (usize, &Point)| {
+        let place_mm = |(row, p): (usize, &Point)| {
             let is_known = p.target < model.targets_mm.len();
-            is_known.then(|| (position(robot, model, &p.q_rad, p.target).x, row))
+            is_known.then(|| (position(robot, model, &p.q_rad, p.target), row))
         };
-        // Sorted by the reflector's x coordinate, because joint values within the tolerance of one pose move it by a limited distance.
-        let mut known: Vec<(f64, usize)> =
-            earlier.points.iter().enumerate().filter_map(x_mm).collect();
-        known.sort_by(|a, b| a.0.total_cmp(&b.0));
+        // Joint values within the tolerance of one pose move the reflector by a limited distance. Sorted by its x coordinate, rows that are too far
+        // along x are not looked at; of the others, few are near in y and z, too.
+        let earlier_points = earlier.points.iter().enumerate();
+        let mut known: Vec<(Vector3<f64>, usize)> = earlier_points.filter_map(place_mm).collect();
+        known.sort_by(|a, b| a.0.x.total_cmp(&b.0.x));
         let mut pairs = Vec::new();
         for (row, (point, placed)) in later.points.iter().zip(&self.rows).enumerate() {
             let (here, levers_mm) = (&placed.here_mm, &placed.levers_mm);
             let width_mm = 2.0 * same_mm * levers_mm.len() as f64;
-            let begin = known.partition_point(|(x, _)| *x < here.x - width_mm);
+            let begin = known.partition_point(|(at, _)| at.x < here.x - width_mm);
             let mut visits: Vec<(f64, Vec<f64>, usize)> = known[begin..]
                 .iter()
-                .take_while(|(x, _)| *x <= here.x + width_mm)
-                .filter(|(_, other)| earlier.points[*other].target == point.target)
+                .take_while(|(at, _)| at.x <= here.x + width_mm)
+                .filter(|(at, other)| {
+                    (at - here).norm() <= width_mm && earlier.points[*other].target == point.target
+                })
                 .map(|(_, other)| {
                     let apart = apart_rad(&earlier.points[*other].q_rad, &point.q_rad);
                     let moved = apart.iter().zip(levers_mm).map(|(rad, mm)| rad * mm);

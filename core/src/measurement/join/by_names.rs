@@ -5,7 +5,7 @@ use crate::measurement::join::labels::{
     without_punctuation,
 };
 use crate::measurement::join::name_parts::{LeftOut, ways};
-use crate::measurement::join::options::{JoinError, JoinOptions, Pairs, error};
+use crate::measurement::join::options::{JoinError, JoinOptions, Pairs, error, n_paired};
 use crate::measurement::set::{Point, SAME_JOINT_RAD};
 use crate::measurement::table::points::Content;
 use std::collections::{BTreeMap, BTreeSet};
@@ -33,10 +33,6 @@ pub struct Found {
     pub left_out: Option<LeftOut>,
 }
 
-fn count(pairs: &Pairs) -> usize {
-    pairs.iter().flatten().count()
-}
-
 /// Pairs rows by their names. If nothing pairs them, parts are left out of the names: what all of them begin with, and numbers of repetitions.
 ///
 /// # Errors
@@ -56,13 +52,13 @@ pub fn by_names(
         return Ok(with_left_out(pairs, left_out));
     }
     let found = as_they_are(robot, ours, theirs, how)?;
-    if is_again || matches!(how, Names::Numbers) || count(&found.pairs) > 0 {
+    if is_again || matches!(how, Names::Numbers) || n_paired(&found.pairs) > 0 {
         return Ok(found);
     }
     for left_out in ways(ours, theirs) {
         let [ours, theirs] = left_out.names(ours, theirs);
         match by_parts(robot, &ours, &theirs, how) {
-            Ok(pairs) if 2 * count(&pairs) >= ours.len().min(theirs.len()) => {
+            Ok(pairs) if 2 * n_paired(&pairs) >= ours.len().min(theirs.len()) => {
                 return Ok(with_left_out(pairs, &left_out));
             }
             _ => {}
@@ -87,7 +83,7 @@ fn by_parts(
     how: Names,
 ) -> Result<Pairs, JoinError> {
     let pairs = paired_as(robot, ours, theirs, without_punctuation)?;
-    match (count(&pairs), how) {
+    match (n_paired(&pairs), how) {
         (0, Names::NumbersIn) => by_numbers(robot, ours, theirs),
         (0, _) => Ok(by_numbers_in_names(robot, ours, theirs).unwrap_or(pairs)),
         _ => Ok(pairs),
@@ -118,11 +114,11 @@ fn as_they_are(
         true => paired_as(robot, ours, theirs, without_punctuation).ok(),
         false => None,
     };
-    let has_none = |pairs: &Pairs| count(pairs) == 0;
+    let has_none = |pairs: &Pairs| n_paired(pairs) == 0;
     if loose.as_ref().is_some_and(has_none) && has_none(&strict) {
         loose = by_numbers_in_names(robot, ours, theirs);
     }
-    match loose.filter(|pairs| count(pairs) > count(&strict)) {
+    match loose.filter(|pairs| n_paired(pairs) > n_paired(&strict)) {
         Some(pairs) => Ok(Found {
             is_loose: true,
             ..plain(pairs)
@@ -177,9 +173,7 @@ fn by_label(
     let mut most = 0;
     for form in forms {
         let pairs = paired_as(robot, ours, theirs, *form);
-        let n = pairs
-            .as_ref()
-            .map_or(usize::MAX, |pairs| pairs.iter().flatten().count());
+        let n = pairs.as_ref().map_or(usize::MAX, |pairs| n_paired(pairs));
         // A form that makes two different names equal gives an error and is never better.
         if best.is_none() || n > most && pairs.is_ok() {
             (most, best) = (n, Some(pairs));

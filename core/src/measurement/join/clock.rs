@@ -1,6 +1,6 @@
 //! The difference between two clocks, from the pattern of the times.
 
-use crate::measurement::join::options::{JoinError, error};
+use crate::measurement::join::options::{JoinBy, JoinError, JoinOptions, error, n_paired};
 
 /// Maximum number of positions with which clock differences are tried.
 pub const MAX_TRIED: usize = 200;
@@ -49,11 +49,11 @@ fn gap(standstill: &Standstill, at_s: f64) -> f64 {
     (at_s - standstill.from_s).min(0.0) + (at_s - standstill.to_s).max(0.0)
 }
 
-/// The clock difference that pairs most rows.
+/// The clock difference with which most times of the instrument fall into standstills of the robot.
 ///
 /// # Errors
 /// `join_unclear` if none pairs enough of them, `two_readings` if several do.
-pub fn found_offset(
+pub fn offset_from_times(
     standstills: &[Standstill],
     instrument_s: &[f64],
     tolerance_s: f64,
@@ -87,7 +87,7 @@ pub fn found_offset(
     if !ties.are_contradictory {
         return Ok(ties.offsets_s[0]);
     }
-    let n_pairs = |offset_s| count(&paired(standstills, instrument_s, offset_s, tolerance_s));
+    let n_pairs = |offset_s| n_paired(&paired(standstills, instrument_s, offset_s, tolerance_s));
     Err(several_offsets(ties.offsets_s, &n_pairs))
 }
 
@@ -100,21 +100,24 @@ pub fn clocks_cannot_be_compared(why: &str) -> JoinError {
     error("join_unclear", detail)
 }
 
-/// Refuses a stated clock difference that pairs no row, or, unless the join by time was requested, fewer than half of the rows that can be paired.
+/// The stated clock difference, or, if none is stated, the one that `found` finds. A stated one is refused if it pairs no row, or, unless the join by
+/// time was requested, fewer than half of the rows that can be paired.
 ///
 /// # Errors
-/// `join_unclear` with the difference that the times show, if they show one.
-pub(super) fn refuse_wrong_offset(
-    stated_s: f64,
-    is_by_time: bool,
-    possible: usize,
-    n_pairs: &dyn Fn(f64) -> usize,
-    found: &dyn Fn() -> Result<f64, JoinError>,
+/// Those of `found`; `join_unclear` for a stated difference that is refused, with the one that the times show, if they show one.
+pub(super) fn stated_or_found(
+    options: &JoinOptions,
     tolerance_s: f64,
-) -> Result<(), JoinError> {
+    possible: usize,
+    n_pairs: impl Fn(f64) -> usize,
+    found: impl Fn() -> Result<f64, JoinError>,
+) -> Result<f64, JoinError> {
+    let Some(stated_s) = options.clock_offset_s else {
+        return found();
+    };
     let n = n_pairs(stated_s);
-    if 2 * n >= possible || n > 0 && is_by_time {
-        return Ok(());
+    if 2 * n >= possible || n > 0 && options.by == Some(JoinBy::Time) {
+        return Ok(stated_s);
     }
     let found = match found() {
         Ok(found_s) => {
@@ -132,10 +135,6 @@ pub(super) fn refuse_wrong_offset(
     Err(error("join_unclear", detail))
 }
 
-fn count(pairs: &[Option<usize>]) -> usize {
-    pairs.iter().flatten().count()
-}
-
 /// The clock differences that pair most rows.
 #[derive(Default)]
 struct Ties {
@@ -151,7 +150,7 @@ struct Ties {
 
 impl Ties {
     fn add(&mut self, offset_s: f64, pairs: Vec<Option<usize>>, tolerance_s: f64) {
-        let n = count(&pairs);
+        let n = n_paired(&pairs);
         if n < self.most {
             return;
         }

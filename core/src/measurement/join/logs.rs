@@ -2,10 +2,10 @@
 //! the pattern of motions and standstills.
 
 use crate::measurement::join::clock::{
-    MAX_TIES, MAX_TRIED, MIN_PAIRS, Standstill, clocks_cannot_be_compared, refuse_wrong_offset,
-    several_offsets,
+    MAX_TIES, MAX_TRIED, MIN_PAIRS, Standstill, clocks_cannot_be_compared, several_offsets,
+    stated_or_found,
 };
-use crate::measurement::join::options::{JoinBy, JoinError, JoinOptions};
+use crate::measurement::join::options::{JoinError, JoinOptions, n_paired};
 
 /// Number of standstills of the instrument from which clock differences are tried.
 const ANCHORS: usize = 5;
@@ -81,7 +81,7 @@ impl Tried {
         let n = theirs.iter().filter(is_within).count().max(1);
         Self {
             offset_s,
-            n_pairs: pairs.iter().flatten().count(),
+            n_pairs: n_paired(&pairs),
             sum,
             mean: sum / n as f64,
         }
@@ -97,7 +97,10 @@ impl Tried {
 ///
 /// # Errors
 /// `join_unclear` if none makes enough pairs, `two_readings` if another one fits as well.
-pub fn found_offset(ours: &[Standstill], all_theirs: &[Standstill]) -> Result<f64, JoinError> {
+pub fn offset_from_standstills(
+    ours: &[Standstill],
+    all_theirs: &[Standstill],
+) -> Result<f64, JoinError> {
     let step = all_theirs.len().div_ceil(MAX_TRIED).max(1);
     let theirs: Vec<Standstill> = all_theirs.iter().copied().step_by(step).collect();
     let middle_s = |one: &Standstill| (one.from_s + one.to_s) / 2.0;
@@ -133,10 +136,7 @@ pub fn found_offset(ours: &[Standstill], all_theirs: &[Standstill]) -> Result<f6
         }
     }
     if offsets_s.len() > 1 {
-        let n_pairs = |offset_s| {
-            let pairs = paired(ours, all_theirs, offset_s, 0.0);
-            pairs.iter().flatten().count()
-        };
+        let n_pairs = |offset_s| n_paired(&paired(ours, all_theirs, offset_s, 0.0));
         return Err(several_offsets(offsets_s, &n_pairs));
     }
     Ok(centred(ours, &theirs, best.offset_s, &pairs))
@@ -164,27 +164,20 @@ fn centred(
 /// Pairs the standstills of an instrument's log with those of the robot.
 ///
 /// # Errors
-/// As [`found_offset`], and `join_unclear` if a stated clock difference pairs too few of them.
+/// As [`offset_from_standstills`], and `join_unclear` if a stated clock difference pairs too few of them.
 pub fn offset_and_pairs(
     ours: &[Standstill],
     theirs: &[Standstill],
     options: &JoinOptions,
     tolerance_s: f64,
 ) -> Result<(f64, Vec<Option<usize>>), JoinError> {
-    let offset_s = match options.clock_offset_s {
-        Some(offset_s) => offset_s,
-        None => found_offset(ours, theirs)?,
-    };
     let pairs = |offset_s| paired(ours, theirs, offset_s, tolerance_s);
-    if options.clock_offset_s.is_some() {
-        refuse_wrong_offset(
-            offset_s,
-            options.by == Some(JoinBy::Time),
-            ours.len().min(theirs.len()),
-            &|offset_s| pairs(offset_s).iter().flatten().count(),
-            &|| found_offset(ours, theirs),
-            tolerance_s,
-        )?;
-    }
+    let offset_s = stated_or_found(
+        options,
+        tolerance_s,
+        ours.len().min(theirs.len()),
+        |offset_s| n_paired(&pairs(offset_s)),
+        || offset_from_standstills(ours, theirs),
+    )?;
     Ok((offset_s, pairs(offset_s)))
 }

@@ -1,19 +1,25 @@
 //! Parts of names that do not belong to the name of a point: what all names of a file begin with, and the number of a repetition.
 
 use crate::measurement::join::labels::{last_part, without_punctuation};
+use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
+use utoipa::ToSchema;
 
 /// Minimum number of different names for finding what all of them begin with.
 const MIN_NAMES: usize = 3;
 
-/// What is left out of the names of two files.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+/// What is no part of the points' names.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = LeftOutOfNames)]
 pub struct LeftOut {
-    /// What all names of the robot's file begin with; empty if nothing is left out.
+    /// What all names of the robot's file begin with; absent if it is part of the names.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
     pub robot: String,
-    /// What all names of the instrument's file begin with.
+    /// What all names of the instrument's file begin with; absent if it is part of the names.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
     pub instrument: String,
-    /// Whether `P1_1`, `P1.1` and `P1 (1)` in the instrument's file are repetitions of the robot's `P1`.
+    /// True if `P1_1` and `P1_2` of the instrument are repetitions of the robot's `P1`.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub repetitions: bool,
 }
 
@@ -34,6 +40,19 @@ impl LeftOut {
         );
         let theirs = theirs.collect();
         [ours, theirs]
+    }
+
+    /// What is left out, in words.
+    pub fn in_words(&self) -> String {
+        let files = [("robot", &self.robot), ("instrument", &self.instrument)];
+        let begins = files.iter().filter(|(_, begin)| !begin.is_empty());
+        let begins = begins.map(|(file, begin)| {
+            format!("{begin:?}, with which all names of the {file} file begin, is no part of them")
+        });
+        let repetitions =
+            "the last number of the instrument's names counts the repetitions of a point";
+        let repetitions = self.repetitions.then(|| repetitions.to_owned());
+        begins.chain(repetitions).collect::<Vec<_>>().join("; ")
     }
 }
 

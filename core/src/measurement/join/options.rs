@@ -88,3 +88,8 @@ pub fn error(code: &'static str, detail: impl Into<String>) -> JoinError {
 
 /// For each row of the instrument's file, the row of the robot's file that it is paired with.
 pub type Pairs = Vec<Option<usize>>;
+
+/// Number of rows that have a partner.
+pub fn n_paired(pairs: &[Option<usize>]) -> usize {
+    pairs.iter().flatten().count()
+}

@@ -5,7 +5,7 @@ use crate::measurement::columns::meaning::key;
 use crate::measurement::columns::names::Key;
 use crate::measurement::join::by_names::{Names, by_names, by_numbers, same_joints};
 use crate::measurement::join::name_parts::LeftOut;
-use crate::measurement::join::options::{Pairs, error};
+use crate::measurement::join::options::{Pairs, error, n_paired};
 use crate::measurement::join::time::{Clock, MAX_APART, by_time, extent_mm};
 use crate::measurement::join::times::{over_midnight, times};
 use crate::measurement::set::Point;
@@ -68,7 +68,7 @@ struct Pairing {
 
 impl Pairing {
     fn n_joined(&self) -> usize {
-        self.pairs.iter().flatten().count()
+        n_paired(&self.pairs)
     }
 
     /// Whether at least half of the rows that can be paired are paired.
@@ -208,7 +208,7 @@ fn nothing_pairs(robot: &Content, instrument: &Content, by: Option<JoinBy>) -> J
     };
     let (ours, theirs) = (names(robot), names(instrument));
     let (seen, remedy) = match (ours, theirs) {
-        (None, None) if counts_frames(instrument) => (
+        (_, None) if counts_frames(instrument) => (
             ". The instrument's file counts frames, and does not say how many there are in a second".to_owned(),
             ". Say it in the column mapping: {\"instrument\": {\"time_100hz\": \"Frame\"}} for 100 frames a second",
         ),
@@ -228,10 +228,6 @@ fn nothing_pairs(robot: &Content, instrument: &Content, by: Option<JoinBy>) -> J
             ". The robot's file has no column of names or numbers that is known".into(),
             ". Name it in the column mapping: {\"robot\": {\"name\": \"COLUMN\"}}",
         ),
-        (Some(_), None) if counts_frames(instrument) => (
-            ". The instrument's file counts frames, and does not say how many there are in a second".into(),
-            ". Say it in the column mapping: {\"instrument\": {\"time_100hz\": \"Frame\"}} for 100 frames a second",
-        ),
         (_, None) => (
             ". The instrument's file has no column of names or numbers that is known".into(),
             ". Name it in the column mapping: {\"instrument\": {\"name\": \"COLUMN\"}}",
@@ -248,9 +244,7 @@ fn nothing_pairs(robot: &Content, instrument: &Content, by: Option<JoinBy>) -> J
     let pairs_by_number = by != Some(JoinBy::Number)
         && ours.zip(theirs).is_some_and(|(ours, theirs)| {
             let found = by_numbers(robot, ours, theirs);
-            found.is_ok_and(|pairs| {
-                2 * pairs.iter().flatten().count() >= ours.len().min(theirs.len())
-            })
+            found.is_ok_and(|pairs| 2 * n_paired(&pairs) >= ours.len().min(theirs.len()))
         });
     let by_number = match pairs_by_number {
         true => {

@@ -1,10 +1,10 @@
 //! Pairs rows of two files by time. If the difference between the two clocks is not stated, it is found from the pattern of the times.
 
 use crate::measurement::join::clock::{
-    Standstill, clocks_cannot_be_compared, found_offset, paired, refuse_wrong_offset,
+    Standstill, clocks_cannot_be_compared, offset_from_times, paired, stated_or_found,
 };
 use crate::measurement::join::logs::{offset_and_pairs, together};
-use crate::measurement::join::options::{JoinBy, JoinError, JoinOptions, Pairs};
+use crate::measurement::join::options::{JoinError, JoinOptions, Pairs, n_paired};
 use crate::measurement::join::standstills::{Log, MIN_STANDSTILL_ROWS, largest_difference, length};
 use crate::measurement::set::{Point, SAME_JOINT_RAD};
 use nalgebra::Vector3;
@@ -80,21 +80,14 @@ pub fn by_time(
         false => (0..instrument.len()).collect(),
     };
     let wanted_s: Vec<f64> = rows.iter().map(|row| instrument_s[*row]).collect();
-    let offset_s = match options.clock_offset_s {
-        Some(offset_s) => offset_s,
-        None => found_offset(&standstills, &wanted_s, tolerance_s)?,
-    };
     let matched = |offset_s| paired(&standstills, &wanted_s, offset_s, tolerance_s);
-    if options.clock_offset_s.is_some() {
-        refuse_wrong_offset(
-            offset_s,
-            options.by == Some(JoinBy::Time),
-            wanted_s.len().min(standstills.len()),
-            &|offset_s| matched(offset_s).iter().flatten().count(),
-            &|| found_offset(&standstills, &wanted_s, tolerance_s),
-            tolerance_s,
-        )?;
-    }
+    let offset_s = stated_or_found(
+        options,
+        tolerance_s,
+        wanted_s.len().min(standstills.len()),
+        |offset_s| n_paired(&matched(offset_s)),
+        || offset_from_times(&standstills, &wanted_s, tolerance_s),
+    )?;
     let mut pairs: Pairs = vec![None; instrument.len()];
     for (row, pair) in rows.iter().zip(matched(offset_s)) {
         pairs[*row] = pair.map(|at| standstills[at].row);
