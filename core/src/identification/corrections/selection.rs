@@ -41,9 +41,9 @@ fn residuals_by_fold(fit: &Fit<'_>, folds: &Folds) -> Vec<Vec<f64>> {
     let triangles: Vec<Triangle> = (0..folds.n_folds).map(of_fold).collect();
     let left_out = |fold: usize| {
         let others = triangles.iter().enumerate().filter(|(k, _)| *k != fold);
-        let triangle = Triangle::of_all(others.map(|(_, t)| t));
-        let evidence = estimate.evidence.clone();
-        let posterior = triangle.solve(&estimate.x, &evidence);
+        // A station or a target all of whose points are left out keeps its place.
+        let seen = Triangle::of_all(others.map(|(_, t)| t)).with_flat_at(&estimate.x);
+        let posterior = seen.solve(&estimate.x, &estimate.evidence);
         let at = estimate.x.iter().zip(&posterior.step);
         let at: Vec<f64> = at.map(|(x, step)| x + step).collect();
         let mut residuals = vec![0.0; problem.n_rows()];

@@ -278,6 +278,16 @@ impl Triangle {
         }
     }
 
+    /// The same rows. Coordinates with a flat prior stay at `x` if no row determines them.
+    pub fn with_flat_at(mut self, x: &[f64]) -> Self {
+        for (j, is_flat) in self.is_flat.iter().enumerate() {
+            if *is_flat {
+                self.expected[j] = x[j];
+            }
+        }
+        self
+    }
+
     /// Number of coordinates.
     pub fn n_coordinates(&self) -> usize {
         self.right.len()
