@@ -12,7 +12,7 @@
 use super::fit::{Fit, Fitted, Setting};
 use super::folds::{Evidence, Folds, Unseen, divisions};
 use super::network::{FoldedResiduals, choose_network, train_network};
-use crate::identification::least_squares::evidence::Triangle;
+use crate::identification::least_squares::evidence::{Evidence as ColumnsEvidence, Triangle};
 use crate::identification::least_squares::problem::CorrectionWidths;
 use crate::identification::model::correction_terms::Term;
 use crate::kinematics::corrections::HARMONIC_ORDERS;
@@ -41,10 +41,25 @@ fn residuals_by_fold(fit: &Fit<'_>, folds: &Folds) -> Vec<Vec<f64>> {
     let triangles: Vec<Triangle> = (0..folds.n_folds).map(of_fold).collect();
     let left_out = |fold: usize| {
         let others = triangles.iter().enumerate().filter(|(k, _)| *k != fold);
-        // A station or a target all of whose points are left out keeps its place.
         let seen = Triangle::of_all(others.map(|(_, t)| t)).with_flat_at(&estimate.x);
         let posterior = seen.solve(&estimate.x, &estimate.evidence);
-        let at = estimate.x.iter().zip(&posterior.step);
+        let mut step = posterior.step.clone();
+        // A station or a target all of whose points are left out is placed on them, as a new session is.
+        let without_points = seen.undetermined(&posterior);
+        if !without_points.is_empty() {
+            let left_out = triangles[fold].clone().with_flat_at(&estimate.x);
+            let of_placement = left_out.moved(&step).of_columns(&without_points);
+            let pick = |all: &[f64]| without_points.iter().map(|j| all[*j]).collect::<Vec<f64>>();
+            let evidence = ColumnsEvidence {
+                widths: pick(&estimate.evidence.widths),
+                ..estimate.evidence.clone()
+            };
+            let placed = of_placement.solve(&pick(&estimate.x), &evidence);
+            for (j, more) in without_points.iter().zip(&placed.step) {
+                step[*j] += more;
+            }
+        }
+        let at = estimate.x.iter().zip(&step);
         let at: Vec<f64> = at.map(|(x, step)| x + step).collect();
         let mut residuals = vec![0.0; problem.n_rows()];
         problem.evaluate(&at, &mut residuals, None);

@@ -288,6 +288,21 @@ impl Triangle {
         self
     }
 
+    /// The rows at a step from the fit.
+    pub fn moved(mut self, step: &[f64]) -> Self {
+        let by_step = &self.r * DVector::from_column_slice(step);
+        for (right, by_step) in self.right.iter_mut().zip(&by_step) {
+            *right += by_step;
+        }
+        self
+    }
+
+    /// The coordinates with a flat prior that the rows do not determine: stations and targets without points.
+    pub fn undetermined(&self, posterior: &Posterior) -> Vec<usize> {
+        let is_undetermined = |j: &usize| self.is_flat[*j] && posterior.data_share[*j] < 0.5;
+        (0..self.right.len()).filter(is_undetermined).collect()
+    }
+
     /// Number of coordinates.
     pub fn n_coordinates(&self) -> usize {
         self.right.len()
