@@ -12,11 +12,14 @@ export function contents(body) {
   const parts = [...body.querySelectorAll("section.card > h2, section.card > .head h2, figure > figcaption > :is(h2, h3), .warning")].filter((one) => !one.closest("details, [hidden]") && (one === remark || !one.matches(".warning")));
   const links = parts.map((part) => {
     const text = part === remark ? "Remarks" : nameOf(part);
+    const place = part.closest("section, figure") ?? part;
     return text && el("li", {}, el("a", { href: location.hash, click: (event) => {
       event.preventDefault();
-      part.setAttribute("tabindex", -1);
-      (part.closest("section, figure") ?? part).scrollIntoView();
-      part.focus({ preventScroll: true });
+      // A section that is drawn again has another heading.
+      const heading = part.isConnected ? part : place.querySelector("h2, h3") ?? place;
+      heading.setAttribute("tabindex", -1);
+      place.scrollIntoView();
+      heading.focus({ preventScroll: true });
     } }, text));
   });
   return el("nav.contents", { "aria-label": "Parts of this page" }, el("ul", {}, links));

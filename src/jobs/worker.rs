@@ -76,11 +76,10 @@ async fn claim_next(store: &Store, context: &WorkerContext) -> Result<Option<Cla
         let permit = tokio::select! {
             biased;
             () = shutdown_reached(&mut shutdown_stage, ShutdownStage::StopClaiming) => return Ok(None),
-            permit = run_alone.alone() => Some(permit),
-            () = run_alone.any_given_up() => None,
+            permit = run_alone.alone() => permit,
         };
         // Checked again: another worker of this process may have run the suspect meanwhile.
-        if let Some(permit) = permit.filter(|_| run_alone.suspect_is_due()) {
+        if run_alone.suspect_is_due() {
             run_alone.suspect_started();
             let claimed = claim(store, context, Eligible::Suspect, permit).await?;
             if claimed.is_some() {
@@ -136,7 +135,11 @@ pub async fn run_next_job(store: &Store, context: &WorkerContext) -> Result<Opti
     let Some(claimed) = claim_next(store, context).await? else {
         return Ok(None);
     };
-    let Claimed { job, until, permit } = claimed;
+    let Claimed {
+        job,
+        until,
+        permit: _permit,
+    } = claimed;
     let job_id = job.id.clone();
     let lease = Lease::new(&job, &context.owner);
     context.signals.job_changed(&job_id);
@@ -155,7 +158,7 @@ pub async fn run_next_job(store: &Store, context: &WorkerContext) -> Result<Opti
         lease,
     };
     let unresponsive = match attempt.inputs(&job, until).await {
-        Ok(inputs) => attempt.compute(inputs, permit).await,
+        Ok(inputs) => attempt.compute(inputs).await,
         Err(ended) => {
             attempt.end(ended).await;
             None
@@ -229,13 +232,11 @@ impl Attempt<'_> {
         }
     }
 
-    /// Computes the job and ends it. Returns the computation of a cancelled job that has not stopped yet. The thread holds the permit until the
-    /// computation ends, also where the attempt has ended before.
-    async fn compute(&self, inputs: JobInputs, permit: Permit) -> Option<Unresponsive> {
+    /// Computes the job and ends it. Returns the computation of a cancelled job that has not stopped yet.
+    async fn compute(&self, inputs: JobInputs) -> Option<Unresponsive> {
         let (begun, control) = (Instant::now(), self.control());
         let (function, thread_control) = (self.context.compute, Arc::clone(control));
         let mut thread = tokio::task::spawn_blocking(move || {
-            let _permit = permit;
             function(&inputs, &mut |progress| thread_control.report(progress))
         });
         let mut shutdown_stage = self.context.shutdown_stage.subscribe();
@@ -259,11 +260,7 @@ impl Attempt<'_> {
             _ => {}
         }
         self.end(ended).await;
-        if is_waited_for {
-            return Some(Unresponsive { thread, begun });
-        }
-        self.context.run_alone.given_up(thread);
-        None
+        is_waited_for.then_some(Unresponsive { thread, begun })
     }
 
     /// Maps the computation's result to the end of the job.
@@ -334,19 +331,16 @@ impl Attempt<'_> {
 
 impl Unresponsive {
     /// Waits for the computation, at most until its longest duration: a worker computes one job at a time.
-    async fn wait(mut self, context: &WorkerContext, job_id: &str) {
+    async fn wait(self, context: &WorkerContext, job_id: &str) {
         let left = context
             .max_duration
             .saturating_sub(self.begun.elapsed())
             .saturating_add(COMPUTATION_STOP_TIMEOUT);
         let mut shutdown_stage = context.shutdown_stage.subscribe();
         tokio::select! {
-            _ = &mut self.thread => {}
+            _ = self.thread => {}
             () = shutdown_reached(&mut shutdown_stage, ShutdownStage::StopClaiming) => {}
-            () = tokio::time::sleep(left) => {
-                tracing::error!(job_id, "{UNRESPONSIVE}");
-                context.run_alone.given_up(self.thread);
-            }
+            () = tokio::time::sleep(left) => tracing::error!(job_id, "{UNRESPONSIVE}"),
         }
     }
 }

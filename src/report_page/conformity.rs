@@ -136,11 +136,12 @@ fn own_figure(sources: &Sources<'_>) -> Option<Figure> {
     };
     Some(Figure {
         rms_mm: half.after.rms_mm.max(corrected_mm),
-        expanded_mm: sources.verified_expanded_mm.or_else(|| {
-            is_placed_before(sources)
+        expanded_mm: match sources.job {
+            Some(_) => sources.verified_expanded_mm,
+            None => is_placed_before(sources)
                 .then(|| own_expanded_mm(report))
-                .flatten()
-        }),
+                .flatten(),
+        },
         unknown_because: unknown_because(report),
         points: format!("on {} points to verify{without}", half.n_points),
     })
@@ -156,13 +157,13 @@ fn unknown_because(report: &Report) -> String {
         n if n < MIN_CONFIGURATIONS => format!(
             "No uncertainty is stated: the points to verify are of {n} arm configurations, and it takes {MIN_CONFIGURATIONS}."
         ),
-        _ => "No uncertainty is stated: too few points are left beside what was fitted to them, or an older version of kincal made this result. \
-              Verify the set on another session."
+        _ => "No uncertainty is stated: too few different poses are left beside what was fitted to them, or an older version of kincal made this \
+              result. Verify the set on another session."
             .into(),
     }
 }
 
-/// For jobs of older versions, with which no uncertainty is stored: whether neither base nor reflectors were fitted to the points to verify, and no
+/// Without a server, which computes the uncertainty when a job ends: whether neither base nor reflectors were fitted to the points to verify, and no
 /// instrument states an error common to all of them. Otherwise the report does not have what the uncertainty is computed from.
 fn is_placed_before(sources: &Sources<'_>) -> bool {
     let is_other_set = sources

@@ -67,8 +67,8 @@ pub struct Sources<'a> {
     pub parameter_set: Option<&'a ParameterSetAnswer>,
     /// Sessions that were scored with this set, newest first.
     pub sessions: &'a [ScoredSession],
-    /// Expanded uncertainty (95 %) of the error on the points to verify, as the release compares it, mm: stored when the job ended. None without a
-    /// server, if it cannot be computed, or if an older version ended the job.
+    /// Expanded uncertainty (95 %) of the error on the points to verify, as the release compares it, mm: stored when the job ended. None if it cannot be
+    /// computed, if an older version ended the job, or without a server.
     pub verified_expanded_mm: Option<f64>,
     /// Tolerance in the robot's policy, mm; none without a server, or if the policy has no tolerance.
     pub tolerance_mm: Option<f64>,

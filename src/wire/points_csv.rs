@@ -17,7 +17,7 @@ pub enum PointsFormat {
 type Cell<'c> = Box<dyn Fn(&Point) -> Option<String> + 'c>;
 
 /// Writes the points, one row each, in their order. The columns `name` and `line` say where a point stands in its file. A column that no point has is
-/// left out, and so is the noise if the instrument states it for all points (`has_own_noise` is false).
+/// left out, and so is the noise of positions if the instrument states it for all points (`has_own_noise` is false).
 ///
 /// # Errors
 /// Those of the CSV writer.
@@ -69,6 +69,8 @@ fn columns<'c>(set: &MeasurementSet, has_own_noise: bool) -> Vec<(String, Cell<'
     if has_own_noise {
         noise_columns(&mut column);
     }
+    let rotation = |p: &Point| Some(p.std_rotation_rad?.to_degrees().to_string());
+    column("std_rotation_deg", Box::new(rotation));
     column("station", Box::new(|p| p.station.clone()));
     column("session", Box::new(|p| p.session.clone()));
     let is_ordered = |(row, p): (usize, &Point)| p.sequence == row as i64;
@@ -81,7 +83,7 @@ fn columns<'c>(set: &MeasurementSet, has_own_noise: bool) -> Vec<(String, Cell<'
     all
 }
 
-/// The columns of the noise that a file states for each point.
+/// The columns of the noise of positions that a file states for each point.
 fn noise_columns<'c>(column: &mut impl FnMut(&str, Cell<'c>)) {
     column("std_mm", Box::new(|p| Some(p.std_mm?.to_string())));
     for (row, column_of, name) in [
@@ -96,8 +98,6 @@ fn noise_columns<'c>(column: &mut impl FnMut(&str, Cell<'c>)) {
             move |p: &Point| Some(p.position_noise?.covariance_mm2()[(row, column_of)].to_string());
         column(&format!("cov_{name}_mm2"), Box::new(cell));
     }
-    let rotation = |p: &Point| Some(p.std_rotation_rad?.to_degrees().to_string());
-    column("std_rotation_deg", Box::new(rotation));
 }
 
 fn subset(subset: Subset) -> String {

@@ -1,6 +1,6 @@
 //! Rows that tests start with.
 
-use kincal::jobs::{JobSignals, queue};
+use kincal::jobs::queue;
 use kincal::store::leases::{self, Eligible};
 use kincal::store::{
     JobRow, Lease, ListRequest, MeasurementSetRow, NewJob, NewMeasurementSet, NewRobot,
@@ -114,16 +114,4 @@ pub async fn a_candidate(store: &Store, set: &MeasurementSetRow) -> ParameterSet
         parameter_sets::insert(tx, &job.id, &new).await
     })
     .await
-}
-
-/// Expires the leases of these jobs, as if their process had died.
-pub async fn expire_leases_of(store: &Store, ids: &[&str]) {
-    for id in ids {
-        let lost = "update job set lease_until_ms = 1, owner = 'dead' where id = $1 and status = 'running'";
-        let done = sqlx::query(lost).bind(*id).execute(store.readers()).await;
-        assert_eq!(done.unwrap().rows_affected(), 1);
-    }
-    queue::expire(store, 3, &JobSignals::default())
-        .await
-        .unwrap();
 }

@@ -7,7 +7,7 @@ use kincal::store::{JobStatus, jobs, parameter_sets};
 
 use crate::computations::{LONG, arrived, gate, run_scripted, until};
 use crate::engines::for_each_engine;
-use crate::fixtures::{a_job, a_lone_job, a_robot, a_set, claim, everything, expire_leases_of};
+use crate::fixtures::{a_job, a_lone_job, a_robot, a_set, claim, everything};
 
 const RULES: AttemptLimits = AttemptLimits {
     lease: LONG,
@@ -334,6 +334,18 @@ fn a_cancelled_computation_without_an_end_keeps_its_worker_no_longer_than_a_job_
         pool.shutdown(LONG).await;
         gate(&deaf.id).open();
     });
+}
+
+/// Expires the leases of these jobs, as if their process had died.
+async fn expire_leases_of(store: &kincal::store::Store, ids: &[&str]) {
+    for id in ids {
+        let lost = "update job set lease_until_ms = 1, owner = 'dead' where id = $1 and status = 'running'";
+        let done = sqlx::query(lost).bind(*id).execute(store.readers()).await;
+        assert_eq!(done.unwrap().rows_affected(), 1);
+    }
+    queue::expire(store, 3, &JobSignals::default())
+        .await
+        .unwrap();
 }
 
 #[test]

@@ -10,9 +10,7 @@ use kincal::store::{
 
 use crate::computations::{LONG, a_worker, arrived, gate, until};
 use crate::engines::{TestDatabase, for_each_engine};
-use crate::fixtures::{
-    a_job, a_lone_job, a_robot, a_set, claim, everything, expire_leases_of, in_transaction, new_job,
-};
+use crate::fixtures::{a_job, a_lone_job, a_robot, a_set, everything, in_transaction, new_job};
 
 async fn some_set(database: &TestDatabase) -> MeasurementSetRow {
     a_set(&database.store, &a_robot(&database.store, "r").await).await
@@ -351,35 +349,6 @@ fn a_computation_without_an_end_is_tried_as_often_as_allowed_and_others_go_on() 
                 .len(),
             2
         );
-    });
-}
-
-#[test]
-fn no_suspect_runs_beside_a_computation_that_was_given_up_and_other_jobs_go_on() {
-    for_each_engine(async |database| {
-        let store = &database.store;
-        let set = some_set(database).await;
-        let suspect = a_job(store, &set, "succeed").await;
-        claim(store, "dead", LONG).await.unwrap();
-        expire_leases_of(store, &[&suspect.id]).await;
-        let endless = a_job(store, &set, "report progress, wait at the gate").await;
-        let mut context = a_worker(LONG);
-        context.max_duration = Duration::from_millis(50);
-        let next = async || run_next_job(store, &context).await.unwrap();
-        assert_eq!(next().await, Some(endless.id.clone()), "it is given up");
-        let other = a_job(store, &set, "succeed").await;
-        assert_eq!(next().await, Some(other.id));
-        assert_eq!(next().await, None, "the thread of the other still runs");
-        gate(&endless.id).open();
-        let ran = async {
-            loop {
-                if let Some(id) = next().await {
-                    break id;
-                }
-            }
-        };
-        let ran = tokio::time::timeout(LONG, ran).await;
-        assert_eq!(ran.expect("the suspect runs then"), suspect.id);
     });
 }
 
