@@ -48,7 +48,8 @@ pub struct CorrectionsContent {
     pub payload: Option<PayloadBody>,
     /// Kilograms per unit of mass. This converts the mass of a payload to the unit of `masses`.
     pub mass_unit_kg: f64,
-    /// C, row by row, one row per joint: the joint turns by Σ C_j·q_j in addition to its own value. Absent if no joint is coupled.
+    /// C, one row per joint: joint i turns by Σ_j C_ij·q_j in addition to its own value, with the same unit of angle on both sides. Absent if no joint
+    /// is coupled.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub joint_coupling: Vec<Vec<f64>>,
     /// h(q) = Σ sin_deg · sin(order·q) + cos_deg · cos(order·q), for each joint. Harmonics that are not listed are 0.

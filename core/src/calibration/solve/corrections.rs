@@ -72,7 +72,6 @@ pub(super) struct Points {
     sessions: Vec<Option<String>>,
     /// Set-up of each point; empty if all are of the reference set-up.
     pub(super) set_ups: Vec<Option<usize>>,
-    n_motions: usize,
 }
 
 impl Points {
@@ -101,7 +100,6 @@ impl Points {
         let is_one = set_ups.iter().all(Option::is_none);
         Self {
             set_ups: if is_one { vec![] } else { set_ups },
-            n_motions: if is_one { 0 } else { n_motions },
             clusters: renumbered(taken.iter().map(|((_, cluster), _)| *cluster)),
             sessions: taken.iter().map(|(_, row)| session(*row)).collect(),
             observations: taken.into_iter().map(|((o, _), _)| o).collect(),
@@ -219,7 +217,7 @@ pub fn mounting_contradicted(problem: &Problem<'_>, found: &Found) -> Option<War
 }
 
 /// True if gravity does negative work on the joints over all points, Σ M·(K∘M) < 0. Elastic deflection follows the load, so this is
-/// impossible. Only stiffnesses that clearly reduce the error of points that were not fitted are counted.
+/// impossible. It is said only where compliance clearly reduces the error of points that were not fitted.
 fn gives_against_gravity(problem: &Problem<'_>, found: &Found) -> bool {
     let is_clear = |tried: &Evidence| {
         let least_mm2 = CONTRADICTED_SIGMAS * tried.standard_error_mm2;
@@ -240,14 +238,14 @@ fn gives_against_gravity(problem: &Problem<'_>, found: &Found) -> bool {
 /// Warning: no corrections were searched for, because priors are stated.
 pub fn left_out_for_priors() -> Warning {
     // Stated bounds and means of links have not been tested together with corrections on a measured robot.
-    let detail = "what links cannot say (sag, harmonics, the residual network) was not looked for, because parameters have priors: \
+    let detail = "what links cannot say (sag, couplings, harmonics, the residual network) was not looked for, because parameters have priors: \
                   `links_with_corrections` would not keep to them. The set predicts by its links alone; leave `priors` out to have corrections";
     Warning::new("corrections_left_out", detail)
 }
 
 /// Warning: no corrections were searched for in a partial recalibration.
 pub fn left_out_of_a_part() -> Warning {
-    let detail = "what links cannot say (sag, harmonics, the residual network) was not looked for, because most parameters were held: \
+    let detail = "what links cannot say (sag, couplings, harmonics, the residual network) was not looked for, because most parameters were held: \
                   corrections would say what those leave over. The set predicts by its links alone; identify all parameters to have corrections";
     Warning::new("corrections_left_out", detail)
 }
@@ -352,13 +350,7 @@ pub fn corrections(
     };
     let setting = setting(problem, &points);
     let n_links = setting.links.reference.links.len();
-    let start = Fitted {
-        motions: vec![IsometryMatrix3::identity(); points.n_motions],
-        model: delivered(problem, model),
-        terms: vec![],
-        values: vec![],
-        variance,
-    };
+    let start = Fitted::of_links(delivered(problem, model), variance);
     let mut go_on = || monitor(Event::Heartbeat).is_continue();
     let Some(selected) = select(
         &setting,
@@ -390,20 +382,18 @@ pub fn refit(
     problem: &Problem<'_>,
     model: &KinematicModel,
     found: &Found,
+    monitor: &mut Monitor<'_>,
 ) -> Option<(CorrectedModel, Fitted)> {
     let (fitted, kept) = (found.fitted.as_ref()?, found.corrected.as_ref()?);
     let points = Points::new(problem, model);
-    // With other points, other set-ups may have enough points.
-    let start = Fitted {
-        motions: vec![IsometryMatrix3::identity(); points.n_motions],
-        ..fitted.clone()
-    };
+    let mut go_on = || monitor(Event::Heartbeat).is_continue();
     let (fitted, corrections) = identification::corrections::refit(
         &setting(problem, &points),
-        &start,
+        fitted,
         kept.corrections.residual.is_some(),
         problem.request.residual_network.as_ref(),
         problem.request.seed,
+        &mut go_on,
     )?;
     let corrected = CorrectedModel {
         model: fitted.model.clone(),

@@ -105,7 +105,7 @@ pub fn final_fit<'a>(
         ),
         true => {
             let fit = least_squares_from(&problem, model, None, &mut quiet(monitor))?;
-            let refit = |found| corrections::refit(&problem, &fit.model, found);
+            let refit = |found| corrections::refit(&problem, &fit.model, found, monitor);
             let refitted = corrections.and_then(refit);
             // Compares both fits in the same way: by the links alone, if the corrections cannot be fitted again.
             let mut noises = [problem.noise(&fit.model), verified.noise(model)];

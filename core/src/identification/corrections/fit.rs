@@ -1,5 +1,5 @@
 //! Maximum a posteriori fit of links and corrections together: the terms are further variables of the least-squares problem
-//! ([`crate::identification::least_squares::problem`]), with priors whose widths follow from the points.
+//! ([`crate::identification::least_squares::problem`]).
 
 use crate::identification::KinematicModel;
 use crate::identification::least_squares::estimate::{Ends, Estimate, estimate_from};
@@ -12,7 +12,7 @@ use nalgebra::IsometryMatrix3;
 use std::borrow::Cow;
 use std::ops::ControlFlow;
 
-/// A step that gains less than a millionth is a small part of a standard deviation. The derivatives by links are approximate, so the last steps are
+/// A step that gains less than a millionth of the sum of squares moves the fit by a small part of a standard deviation. The derivatives by links are approximate, so the last steps are
 /// short.
 const ENDS: Ends = Ends {
     smallest_gain: 1e-6,
@@ -44,9 +44,36 @@ pub struct Fitted {
     pub values: Vec<f64>,
     /// σ², mm².
     pub variance: f64,
-    /// Motion of each station except the reference: transforms its points from the placement of the links alone. That placement belongs to a
-    /// robot without corrections, so it changes when corrections are added.
+    /// Motion of each station except the reference: transforms its points from their placement by the fit of the links alone. Corrections change
+    /// that placement.
     pub motions: Vec<IsometryMatrix3<f64>>,
+    /// Noise and prior widths of all variables of the fit; `None` before the first fit.
+    evidence: Option<Evidence>,
+}
+
+impl Fitted {
+    /// The fit of the links alone, with its σ² in mm², as the start of the fits of corrections.
+    pub fn of_links(model: KinematicModel, variance: f64) -> Self {
+        Self {
+            model,
+            terms: vec![],
+            values: vec![],
+            variance,
+            motions: vec![],
+            evidence: None,
+        }
+    }
+
+    /// Noise and prior widths for a problem that has the first `n_parameters` variables and the terms of this fit, without stations.
+    pub fn evidence_without_stations(&self, n_parameters: usize) -> Option<Evidence> {
+        let evidence = self.evidence.clone()?;
+        let first_term = evidence.widths.len() - self.terms.len();
+        let (others, of_terms) = evidence.widths.split_at(first_term);
+        Some(Evidence {
+            widths: [&others[..n_parameters], of_terms].concat(),
+            ..evidence
+        })
+    }
 }
 
 /// A fit with its problem.
@@ -86,13 +113,13 @@ impl<'a> Setting<'a> {
         widths: CorrectionWidths,
         go_on: &mut dyn FnMut() -> bool,
     ) -> Option<Fit<'a>> {
-        let known = (self.mounting, self.payload);
-        let problem = self.links.clone().with_corrections(known, terms, widths);
-        let known = |term: &Term| {
+        let gravity = (self.mounting, self.payload);
+        let problem = self.links.clone().with_corrections(gravity, terms, widths);
+        let value = |term: &Term| {
             let at = start.terms.iter().position(|t| t == term);
             at.map_or(0.0, |i| start.values[i])
         };
-        let x = problem.coordinates_with(&start.model, known);
+        let x = problem.coordinates_with(&start.model, value);
         let first = Evidence::first(&problem, start.variance.sqrt());
         let mut monitor = |_| match go_on() {
             true => ControlFlow::Continue(()),
@@ -122,6 +149,7 @@ impl Fit<'_> {
             values,
             variance: estimate.evidence.sigma_mm * estimate.evidence.sigma_mm,
             motions: motions.iter().map(IsometryMatrix3::inverse).collect(),
+            evidence: Some(estimate.evidence.clone()),
         }
     }
 }

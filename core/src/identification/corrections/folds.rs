@@ -19,12 +19,12 @@ const STANDARD_ERRORS: f64 = 2.0;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = CorrectionReport)]
 pub struct Evidence {
-    /// `compliance_and_coupling` (joints and base deflect under gravity, and joints are coupled), `joint_harmonics` or `residual_network`. They are
-    /// tried in this order, each in addition to those that were kept before. Reports of earlier versions also have `stiffness_2_3`,
+    /// `compliance` (joints and base deflect under gravity), `joint_coupling`, `joint_harmonics` or `residual_network`. They are tried in this order,
+    /// each in addition to those that were kept before. Reports of earlier versions also have `stiffness_2_3`,
     /// `stiffness_all`, `base_compliance`, `link_masses`, `link_centres` and `all_together`.
     pub kind: String,
     /// True if the correction is used. This requires that the gain exceeds twice its standard error, and that the errors on the verify points do
-    /// not increase.
+    /// not increase. The errors below are of fits with the usual prior widths; the delivered fit takes its widths from the points.
     pub kept: bool,
     /// Why the correction was dropped in spite of its gain: `worse_on_verify_points` if the errors on the verify points are larger with all
     /// corrections than with the link parameters only. Absent otherwise.

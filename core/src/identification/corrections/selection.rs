@@ -3,16 +3,17 @@
 //! The points are divided into five parts that keep whole configurations together (by session if there are several). Each part is predicted by links
 //! and corrections fitted to the other parts. The gain of a correction is the squared error without it minus that with it, averaged over
 //! configurations. For a pose, its weighted rotation rows are included. A correction is kept if its gain exceeds twice the gain's standard error.
-//! The fits to four parts are steps of the linear problem at the fit to all points. Both fits differ only by noise, and over such a
-//! difference the robot is linear to a ten-thousandth.
+//! A fit to four parts is one step of the linear problem at the fit to all points. Both fits differ only by noise, and over such a difference
+//! the robot is linear to a ten-thousandth.
 //!
-//! In these fits the priors of the corrections have their usual widths. Widths that follow from the points would let the points of a part
-//! influence the fit that has to predict them. The delivered fit takes its widths from all points.
+//! In these fits the priors of the corrections have their usual widths. Widths that follow from all points would let the points of a part
+//! influence the fit that has to predict them. (The noise and the widths of the links do follow from all points; they are the same for all parts.)
+//! The delivered fit takes its widths from all points.
 
 use super::fit::{Fit, Fitted, Setting};
 use super::folds::{Evidence, Folds, Unseen, divisions};
 use super::network::{FoldedResiduals, choose_network, train_network};
-use crate::identification::least_squares::evidence::{Evidence as ColumnsEvidence, Triangle};
+use crate::identification::least_squares::evidence::{self, Triangle};
 use crate::identification::least_squares::problem::CorrectionWidths;
 use crate::identification::model::correction_terms::Term;
 use crate::kinematics::corrections::HARMONIC_ORDERS;
@@ -50,7 +51,7 @@ fn residuals_by_fold(fit: &Fit<'_>, folds: &Folds) -> Vec<Vec<f64>> {
             let left_out = triangles[fold].clone().with_flat_at(&estimate.x);
             let of_placement = left_out.moved(&step).of_columns(&without_points);
             let pick = |all: &[f64]| without_points.iter().map(|j| all[*j]).collect::<Vec<f64>>();
-            let evidence = ColumnsEvidence {
+            let evidence = evidence::Evidence {
                 widths: pick(&estimate.evidence.widths),
                 ..estimate.evidence.clone()
             };
@@ -104,7 +105,7 @@ pub fn select(
     let usual = CorrectionWidths::Usual;
     let mut best = setting.fit(links, &[], usual, go_on)?;
     let (mut error, mut residuals) = unseen(&best, &divisions)?;
-    let mut evidence = Vec::new();
+    let mut tried = Vec::new();
     for (kind, more) in kinds(setting.links.reference.links.len()) {
         let at = best.fitted();
         let terms = [at.terms.clone(), more].concat();
@@ -120,7 +121,7 @@ pub fn select(
         if found.kept {
             (best, error, residuals) = (candidate, with, left);
         }
-        evidence.push(found);
+        tried.push(found);
     }
     let folded = FoldedResiduals {
         folds,
@@ -131,30 +132,32 @@ pub fn select(
     let delivered = setting.fit(&at, &at.terms, CorrectionWidths::ByEvidence, go_on)?;
     let fitted = delivered.fitted();
     let mut corrections = setting.corrections(&fitted);
-    if let Some(tried) = choose_network(setting, &delivered, &folded, earlier, seed, go_on) {
-        corrections.residual = tried.network;
-        evidence.push(tried.evidence);
+    if let Some(of_network) = choose_network(setting, &delivered, &folded, earlier, seed, go_on) {
+        corrections.residual = of_network.network;
+        tried.push(of_network.evidence);
     }
     Some(Selected {
         fitted,
         corrections,
-        evidence,
+        evidence: tried,
     })
 }
 
-/// Fits the selected terms to the points of another setting, and a network if one was kept. `None` if the equations cannot be solved.
+/// Fits the selected terms to the points of another setting, and a network if one was kept. `None` if the equations cannot be solved. If `go_on`
+/// returns false, the fit ends early.
 pub fn refit(
     setting: &Setting<'_>,
     selected: &Fitted,
     has_network: bool,
     earlier: Option<&ResidualNetwork>,
     seed: u64,
+    go_on: &mut dyn FnMut() -> bool,
 ) -> Option<(Fitted, Corrections)> {
     let fit = setting.fit(
         selected,
         &selected.terms,
         CorrectionWidths::ByEvidence,
-        &mut || true,
+        go_on,
     )?;
     let fitted = fit.fitted();
     let mut corrections = setting.corrections(&fitted);

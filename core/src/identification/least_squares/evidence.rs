@@ -4,10 +4,10 @@
 //!
 //! - σ² is the sum of squares of the residuals, divided by the number of rows minus the number of coordinates that the rows determine;
 //! - g² is the factor by which the prior variances of a kind have grown from their start values. It is the sum of squares of the kind's
-//!   coordinates, divided by the number of those that the rows determine, and at least 1.
+//!   coordinates, divided by the number of those that the rows determine. It is at least 1 for links, and may be nearly 0 for corrections.
 //!
-//! Errors of links have heavy tails: most are small, but that of a joint that was never mastered is a hundred times larger. Each link
-//! parameter therefore has Student's t distribution, written as a normal distribution with its own unknown variance: width² = g²·(ν +
+//! Errors of links have heavy tails: most are small, but that of a joint that was never mastered is a hundred times larger. Each variable
+//! of a kind therefore has Student's t distribution, written as a normal distribution with its own unknown variance: width² = g²·(ν +
 //! x²/g²)/(ν + 1), with x² the expected square of the coordinate [Liu & Rubin 1995].
 //!
 //! σ starts far below the noise, so that at first the priors determine only what the rows do not.
@@ -152,14 +152,6 @@ impl Evidence {
             prior_growth: [1.0; KINDS.len()],
             widths: problem.variables.iter().map(|v| width(v.prior)).collect(),
         }
-    }
-
-    /// Prior standard deviations in the units of the variables, mm or rad.
-    pub fn prior_stds(&self, problem: &Problem<'_>) -> Vec<f64> {
-        let widths = self.widths.iter().zip(&problem.variables);
-        widths
-            .map(|(width, variable)| width * variable.width)
-            .collect()
     }
 
     /// True if noise and widths equal those of `other` to within a relative difference.

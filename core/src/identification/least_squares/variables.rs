@@ -63,7 +63,7 @@ pub enum Kind {
     Harmonic,
 }
 
-/// All kinds, in the order in which their widths are stored.
+/// All kinds, in the order of [`Evidence::prior_growth`](crate::identification::least_squares::evidence::Evidence::prior_growth).
 pub const KINDS: [Kind; 10] = [
     Kind::Length,
     Kind::Angle,
@@ -93,8 +93,7 @@ impl Kind {
 /// Prior of a variable.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Prior {
-    /// Normal about the reference. The standard deviation is one width at the start, and grows with the deviations of all variables of its
-    /// kind.
+    /// Normal about the reference. The standard deviation is one width at the start, and follows the deviations of all variables of its kind.
     OfKind(Kind),
     /// Normal about `mean` with the standard deviation `std`, both in units of the width; never widened.
     Stated {

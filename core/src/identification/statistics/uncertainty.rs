@@ -19,7 +19,7 @@
 //! terms of the corrections, and u is the remaining misfit.
 
 use crate::identification::KinematicModel;
-use crate::identification::least_squares::estimate::evidence_at;
+use crate::identification::least_squares::estimate::{evidence_at, posterior_at};
 use crate::identification::model::objective::{Observation, weighted_jacobian};
 use crate::identification::model::parameters::Parameter;
 use crate::identification::statistics::distributions::t_half_width;
@@ -64,7 +64,17 @@ pub struct Uncertainty {
 pub fn uncertainty(session: Session<'_>) -> Option<Uncertainty> {
     let rows = Rows::new(&session);
     let columns = &rows.columns;
-    let (priors, at_fit) = evidence_at(session.problem, rows.of_problem());
+    let x = rows.of_problem();
+    let of_fit = session
+        .corrections
+        .and_then(|fitted| fitted.evidence_without_stations(columns.n_parameters));
+    let (priors, at_fit) = match of_fit {
+        Some(evidence) => {
+            let posterior = posterior_at(session.problem, x, &evidence);
+            (evidence, posterior)
+        }
+        None => evidence_at(session.problem, x),
+    };
     let mut solved = rows.solve(&priors, 0.0);
     let mut freedom = solved.triangle.freedom(&solved.posterior);
     let shared = rows.shared(&solved.columns, &solved.posterior, solved.evidence.sigma_mm);

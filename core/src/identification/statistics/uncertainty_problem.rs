@@ -30,7 +30,7 @@ pub struct Session<'a> {
     pub configurations: &'a [usize],
     /// The instrument's station of each observation, from 0; `None` for the reference station, in whose frame the model is.
     pub stations: &'a [Option<usize>],
-    /// The fit of links and corrections, if the problem has corrections. Their terms are its last variables. What a residual network corrects counts as
+    /// The fit of links and corrections, if the problem has corrections. Their terms are its last variables, and it has no stations. What a residual network corrects counts as
     /// misfit and noise.
     pub corrections: Option<&'a Fitted>,
     /// The misfit of the links, or of links and corrections.
