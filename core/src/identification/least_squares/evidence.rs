@@ -14,7 +14,7 @@
 
 use crate::identification::least_squares::problem::{KINDS, Prior, Problem};
 use crate::identification::statistics::distributions::f_tail;
-use crate::identification::statistics::variance::Spectrum;
+use crate::identification::statistics::variance::{Spectrum, probable_variance_over_usual};
 use crate::solvers::qr::triangularise;
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
@@ -27,11 +27,6 @@ const UPDATES: usize = 100;
 const CONVERGED: f64 = 1e-4;
 /// Minimum number of determined coordinates for estimating the width of a kind.
 const MIN_DETERMINED: f64 = 0.5;
-
-/// Smallest variance, as a share of the usual one. At this level, residuals are rounding errors.
-const MIN_VARIANCE: f64 = 1e-18;
-/// Number of bisections in the search for a variance.
-const HALVINGS: usize = 200;
 
 /// See [`Noise::is_more_than`].
 const SIGNIFICANCE_LEVEL: f64 = 1e-3;
@@ -449,45 +444,6 @@ impl Triangle {
         }
         evidence
     }
-}
-
-/// The factor c² for which Σ square/(stated² + c²·usual²) equals `freedom`, limited to 1e-18 (below, residuals are rounding) and 1e18.
-/// Terms are (square, stated², usual²).
-pub fn variance_over_usual(terms: &[(f64, f64, f64)], freedom: f64) -> f64 {
-    if terms.iter().all(|(_, stated, _)| *stated == 0.0) {
-        let sum: f64 = terms.iter().map(|(square, _, usual)| square / usual).sum();
-        return (sum / freedom.max(1.0)).max(MIN_VARIANCE);
-    }
-    bisected(terms, |_| freedom.max(1.0))
-}
-
-/// As [`variance_over_usual`], but the most probable c² with a prior: log c is normal about 0 with a standard deviation τ of one decade.
-/// The prior adds log c/τ², the derivative of its logarithm, to the freedom, so it matters only if the rows leave hardly any freedom.
-pub fn probable_variance_over_usual(terms: &[(f64, f64, f64)], freedom: f64) -> f64 {
-    let decade = std::f64::consts::LN_10;
-    bisected(terms, |c2| {
-        freedom + 0.5 * libm::log(c2) / (decade * decade)
-    })
-}
-
-/// The c² for which Σ square/(stated² + c²·usual²) equals `freedom(c²)`.
-fn bisected(terms: &[(f64, f64, f64)], freedom: impl Fn(f64) -> f64) -> f64 {
-    let is_below = |c2: f64| -> bool {
-        let term = |(square, stated, usual): &(f64, f64, f64)| square / (stated + c2 * usual);
-        terms.iter().map(term).sum::<f64>() > freedom(c2)
-    };
-    let (mut low, mut high) = (MIN_VARIANCE, 1.0 / MIN_VARIANCE);
-    if !is_below(low) {
-        return low;
-    }
-    for _ in 0..HALVINGS {
-        let middle = (low * high).sqrt();
-        match is_below(middle) {
-            true => low = middle,
-            false => high = middle,
-        }
-    }
-    high
 }
 
 /// Inverse of the upper triangle in the first rows of a matrix.
