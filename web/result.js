@@ -358,7 +358,7 @@ function corrections(report) {
   const columns = [["Correction", (c) => correctionTitle(c.kind)], ["Kept", (c) => (c.kept ? el("strong", {}, "yes") : c.dropped_because ? "dropped: worse on the verify points" : "no")],
     ["Without", (c) => mm(c.cross_validated_rms_mm_before), "n"], ["With", (c) => mm(c.cross_validated_rms_mm_after), "n"],
     ["Gain, mm²", (c) => number(c.gain_mm2), "n"], ["± standard error", (c) => number(c.standard_error_mm2), "n"]];
-  return el("section.card", {}, el("h2", {}, "Corrections"), table("Rms on points that were left out in turn. Each is kept only where it gains more than its standard error; all of them together must gain twice that, else none is kept; and all are dropped where the points to verify are further from the robot with corrections than from its links alone.", columns, report.corrections, ""));
+  return el("section.card", {}, el("h2", {}, "Corrections"), table("Rms on points that were left out in turn. Each is kept only where it gains more than twice its standard error; and all are dropped where the points to verify are further from the robot with corrections than from its links alone.", columns, report.corrections, ""));
 }
 
 /** Repeatability at poses that were measured several times. */

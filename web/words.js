@@ -320,6 +320,8 @@ export const REMARKED = {
 export const CORRECTIONS = {
   all_together: "All of these together",
   base_compliance: "Compliance of the base",
+  compliance: "Compliance of joints and base under gravity",
+  joint_coupling: "Coupling of the joints",
   joint_harmonics: "Harmonics of the joints",
   link_centres: "Centres of gravity",
   link_masses: "Masses of the links",

@@ -3,8 +3,8 @@ kinematics/compliance.rs. Prints random robots, corrections and poses with the f
 
     python docs/oracles/compliance_forward.py > docs/oracles/compliance_forward.csv
 
-A line: n, then per link a alpha d theta beta (mm, rad), q (n), g (3), m (n), c (3n), K (3n), B (3), harmonics (4n: sin q, cos q, sin 2q, cos 2q),
-payload mass in units of mass and its centre (mm), then the flange's rotation row by row (9) and translation in mm (3).
+A line: n, then per link a alpha d theta beta (mm, rad), q (n), g (3), m (n), c (3n), K (3n), B (3), coupling (n x n, row by row),
+harmonics (4n: sin q, cos q, sin 2q, cos 2q), payload mass in units of mass and its centre (mm), then the flange's rotation row by row (9) and translation in mm (3).
 """
 
 import numpy as np
@@ -37,7 +37,7 @@ for n in [1, 2, 3, 4, 6, 6, 6, 7, 12]:
     q, g, m = random.uniform(-3, 3, n), random.normal(size=3), random.uniform(0, 2, n)
     g /= np.linalg.norm(g)
     c, compliance, base = random.normal(size=(n, 3)) * 0.1, random.normal(size=(n, 3)) * 2e-3, random.normal(size=3) * 1e-3
-    harmonics = random.normal(size=(n, 4)) * 3e-4
+    harmonics, coupling = random.normal(size=(n, 4)) * 3e-4, random.normal(size=(n, n)) * 5e-4
     payload, centre = random.uniform(0, 1), random.normal(size=3) * 100.0
     frames, at = [], np.eye(4)
     for i in range(n):
@@ -54,6 +54,6 @@ for n in [1, 2, 3, 4, 6, 6, 6, 7, 12]:
     for i in range(n):
         multiples = np.array([np.sin(q[i]), np.cos(q[i]), np.sin(2 * q[i]), np.cos(2 * q[i])])
         local = frames[i][:3, :3].T @ moment(i, frames[i][:3, 3])
-        at = at @ link(*links[i], q[i] + harmonics[i] @ multiples) @ about(compliance[i] * local)
-    parts = [[n], links.ravel(), q, g, m, c.ravel(), compliance.ravel(), base, harmonics.ravel(), [payload], centre, at[:3, :3].ravel(), at[:3, 3]]
+        at = at @ link(*links[i], q[i] + coupling[i] @ q + harmonics[i] @ multiples) @ about(compliance[i] * local)
+    parts = [[n], links.ravel(), q, g, m, c.ravel(), compliance.ravel(), base, coupling.ravel(), harmonics.ravel(), [payload], centre, at[:3, :3].ravel(), at[:3, 3]]
     print(",".join(repr(float(value)) for part in parts for value in part))

@@ -306,7 +306,7 @@ pub fn corrections(report: &Report) -> Markup {
             }
             p.note {
                 "By cross-validation on the identify points; the gain is what a configuration's mean squared error falls by. Kept where it is above "
-                "its standard error; all together, where it is above twice that. All are dropped where the points to verify are further from the "
+                "twice its standard error. All are dropped where the points to verify are further from the "
                 "robot with corrections than from its links alone."
             }
         }

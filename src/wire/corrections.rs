@@ -13,8 +13,8 @@ use nalgebra::{IsometryMatrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Version of this document. Documents of other versions are refused, because their formula differs.
-pub const CORRECTIONS_VERSION: u32 = 1;
+/// Version of this document. Documents of later versions are refused, because their formula differs. Version 1 has no `joint_coupling`.
+pub const CORRECTIONS_VERSION: u32 = 2;
 /// Largest mass of a payload, kg.
 pub const MAX_PAYLOAD_KG: f64 = 10_000.0;
 /// Largest absolute coordinate of a payload's centre in the flange frame, mm.
@@ -24,10 +24,10 @@ pub const MAX_PAYLOAD_OFFSET_MM: f64 = 10_000.0;
 ///
 /// M_i is the moment of gravity about the origin of frame i, expressed in frame i: M_i = R_iᵀ·Σ_{j≥i} [m_j·(o_j − o_i) + R_j·c_j] × g. It is computed
 /// with the link parameters only (lengths in metres, g a unit vector). M_0 is the same moment about the base's origin, in the base frame. Then:
-/// T_base_flange = Trans(net(q)) · Rot(B∘M_0) · Π [Rx(alpha)·Dx(a)·Ry(beta)·Rz(q + theta_offset + h(q))·Dz(d)·Rot(K_i∘M_i)].
+/// T_base_flange = Trans(net(q)) · Rot(B∘M_0) · Π [Rx(alpha)·Dx(a)·Ry(beta)·Rz(q + theta_offset + C·q + h(q))·Dz(d)·Rot(K_i∘M_i)].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CorrectionsContent {
-    /// Version of the formula: 1.
+    /// Version of the formula: 2. Version 1 has no `joint_coupling`.
     pub version: u32,
     /// Pose of the base in the measuring frame, identified together with the corrections.
     pub t_instrument_base: Transform,
@@ -48,6 +48,10 @@ pub struct CorrectionsContent {
     pub payload: Option<PayloadBody>,
     /// Kilograms per unit of mass. This converts the mass of a payload to the unit of `masses`.
     pub mass_unit_kg: f64,
+    /// C, one row per joint: joint i turns by Σ_j C_ij·q_j in addition to its own value, with the same unit of angle on both sides. Absent if no joint
+    /// is coupled.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub joint_coupling: Vec<Vec<f64>>,
     /// h(q) = Σ sin_deg · sin(order·q) + cos_deg · cos(order·q), for each joint. Harmonics that are not listed are 0.
     pub harmonics: Vec<HarmonicContent>,
     /// net(q): displacement of the flange in the base frame.
@@ -216,6 +220,7 @@ impl CorrectionsContent {
     pub fn new(corrected: &CorrectedModel, targets: Vec<Target>) -> Self {
         let Corrections {
             compliance,
+            joint_coupling,
             harmonics,
             residual,
         } = &corrected.corrections;
@@ -249,6 +254,10 @@ impl CorrectionsContent {
             base_compliance_deg: degrees3(&compliance.base_rad),
             payload: compliance.payload.as_ref().map(PayloadBody::from),
             mass_unit_kg: compliance.mass_unit_kg,
+            joint_coupling: match joint_coupling.iter().flatten().all(|ratio| *ratio == 0.0) {
+                true => vec![],
+                false => joint_coupling.clone(),
+            },
             harmonics: harmonics.iter().enumerate().flat_map(listed).collect(),
             residual_network: residual.as_ref().map(ResidualNetworkContent::from),
             measured: MeasuredRegionContent {
@@ -269,6 +278,10 @@ impl CorrectionsContent {
                 .or_else(|| target_position(&self.targets, target, None))
         };
         let mut harmonics = vec![vec![Harmonic::default(); HARMONIC_ORDERS]; links.len()];
+        let joint_coupling = match self.joint_coupling.is_empty() {
+            true => vec![vec![0.0; links.len()]; links.len()],
+            false => self.joint_coupling.clone(),
+        };
         for h in &self.harmonics {
             harmonics[h.joint - 1][h.order - 1] = Harmonic {
                 sin_rad: h.sin_deg.to_radians(),
@@ -298,6 +311,7 @@ impl CorrectionsContent {
                     payload: self.payload.map(Payload::from),
                     mass_unit_kg: self.mass_unit_kg,
                 },
+                joint_coupling,
                 harmonics,
                 residual: self.residual_network.as_ref().map(ResidualNetwork::from),
             },
@@ -314,9 +328,9 @@ impl CorrectionsContent {
     /// Checks a document from outside the service (a parameter set in a file) against a robot with `n` links.
     pub fn check(&self, n: usize) -> Result<(), Invalid> {
         let mut checker = Checker::default();
-        if self.version != CORRECTIONS_VERSION {
+        if !(1..=CORRECTIONS_VERSION).contains(&self.version) {
             let detail = format!(
-                "version {} is not known; this version of kincal reads {CORRECTIONS_VERSION}",
+                "version {} is not known; this version of kincal reads 1 to {CORRECTIONS_VERSION}",
                 self.version
             );
             checker.add("/corrections/version", "unknown_version", detail);
@@ -345,6 +359,15 @@ impl CorrectionsContent {
                 expected,
                 "one value per link of the robot",
             );
+        }
+        let coupled = "one row per joint, with one value per joint";
+        if !self.joint_coupling.is_empty() {
+            let rows = self.joint_coupling.len();
+            checker.length("/corrections/joint_coupling".to_owned(), rows, n, coupled);
+        }
+        for (i, row) in self.joint_coupling.iter().enumerate() {
+            let pointer = format!("/corrections/joint_coupling/{i}");
+            checker.length(pointer, row.len(), n, coupled);
         }
         for (i, h) in self.harmonics.iter().enumerate() {
             if !(1..=n).contains(&h.joint) || !(1..=HARMONIC_ORDERS).contains(&h.order) {

@@ -2,8 +2,8 @@
 
 use crate::calibration::request::Model;
 use crate::identification::KinematicModel;
-use crate::identification::corrections::Term;
 use crate::identification::least_squares::evidence::Noise;
+use crate::identification::model::correction_terms::Term;
 use crate::identification::model::parameters::{
     Parameter, complete_parameters, target_rotation_parameters,
 };
@@ -65,6 +65,7 @@ enum StoredTerm {
     Mass(usize),
     FirstMoment(usize, usize),
     Gravity(usize),
+    Coupling(usize, usize),
     Harmonic(usize, usize, usize),
 }
 
@@ -257,7 +258,7 @@ impl StoredCorrectedErrors {
             return Err("the corrections have other terms than their errors".into());
         }
         Ok(CorrectedErrors {
-            terms: self.terms.iter().map(|term| (*term).into()).collect(),
+            terms: self.terms.iter().filter_map(|term| term.term()).collect(),
             mounting: Mounting {
                 gravity_in_base: self.gravity_in_base.into(),
                 std_rad: self.gravity_std_rad,
@@ -273,6 +274,7 @@ impl StoredTerm {
             Self::Joint(link, axis) | Self::FirstMoment(link, axis) => link < n_links && axis < 3,
             Self::Base(axis) => axis < 3,
             Self::Mass(link) => link < n_links,
+            Self::Coupling(joint, other) => joint < n_links && other < n_links,
             Self::Gravity(axis) => axis < 2,
             Self::Harmonic(joint, order, phase) => {
                 joint < n_links && order < HARMONIC_ORDERS && phase < 2
@@ -286,23 +288,23 @@ impl From<Term> for StoredTerm {
         match term {
             Term::Joint(joint, axis) => Self::Joint(joint, axis),
             Term::Base(axis) => Self::Base(axis),
-            Term::Mass(link) => Self::Mass(link),
-            Term::FirstMoment(link, axis) => Self::FirstMoment(link, axis),
             Term::Gravity(axis) => Self::Gravity(axis),
+            Term::Coupling(joint, other) => Self::Coupling(joint, other),
             Term::Harmonic(joint, order, phase) => Self::Harmonic(joint, order, phase),
         }
     }
 }
 
-impl From<StoredTerm> for Term {
-    fn from(term: StoredTerm) -> Self {
-        match term {
-            StoredTerm::Joint(joint, axis) => Self::Joint(joint, axis),
-            StoredTerm::Base(axis) => Self::Base(axis),
-            StoredTerm::Mass(link) => Self::Mass(link),
-            StoredTerm::FirstMoment(link, axis) => Self::FirstMoment(link, axis),
-            StoredTerm::Gravity(axis) => Self::Gravity(axis),
-            StoredTerm::Harmonic(joint, order, phase) => Self::Harmonic(joint, order, phase),
+impl StoredTerm {
+    /// `None` for masses and first moments, which only earlier versions identified.
+    fn term(self) -> Option<Term> {
+        match self {
+            Self::Joint(joint, axis) => Some(Term::Joint(joint, axis)),
+            Self::Base(axis) => Some(Term::Base(axis)),
+            Self::Mass(_) | Self::FirstMoment(..) => None,
+            Self::Gravity(axis) => Some(Term::Gravity(axis)),
+            Self::Coupling(joint, other) => Some(Term::Coupling(joint, other)),
+            Self::Harmonic(joint, order, phase) => Some(Term::Harmonic(joint, order, phase)),
         }
     }
 }
@@ -353,7 +355,9 @@ impl TryFrom<&StoredEstimate> for Estimate {
         let rotation = |rows: &[[f64; 3]; 3]| {
             Rotation3::from_matrix_unchecked(Matrix3::from_fn(|i, j| rows[i][j]))
         };
-        let corrected = stored.corrected.as_ref();
+        // Links and corrections keep their values without the errors of terms that this version does not identify.
+        let is_known = |of: &&StoredCorrectedErrors| of.terms.iter().all(|t| t.term().is_some());
+        let corrected = stored.corrected.as_ref().filter(is_known);
         let model = KinematicModel {
             t_instrument_base: IsometryMatrix3::from_parts(
                 Translation3::from(Vector3::from(stored.translation_mm)),

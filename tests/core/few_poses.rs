@@ -14,7 +14,7 @@ use kincal::identification::KinematicModel;
 use kincal::identification::corrections::corrected::IdentifiedRobot;
 use kincal::identification::least_squares::estimate::most_probable;
 use kincal::identification::least_squares::evidence::Evidence;
-use kincal::identification::least_squares::problem::Problem;
+use kincal::identification::least_squares::problem::{Problem, Unknown};
 use kincal::identification::least_squares::start::fit_base_and_targets;
 use kincal::identification::model::objective::Observation;
 use kincal::identification::model::parameters::{
@@ -133,8 +133,10 @@ impl Case {
                 true => 0.05f64.to_radians(),
                 false => 0.3,
             };
-            if variable.parameter.is_link() {
-                *width = std(&variable.parameter) / variable.width;
+            if let Unknown::Parameter(parameter) = &variable.unknown
+                && parameter.is_link()
+            {
+                *width = std(parameter) / variable.width;
             }
         }
         let model = most_probable(&problem, &start, &evidence, &Watch::nobody()).model;

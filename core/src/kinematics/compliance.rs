@@ -1,11 +1,11 @@
 //! Forward kinematics with corrections, in readable form:
 //!
-//! `T_base_flange = Trans(net(q)) · Rot(B ∘ M₀) · Π [Rx(α)·Dx(a)·Ry(β)·Rz(q + θ + h(q))·Dz(d)·Rot(K_i ∘ M_i)]`
+//! `T_base_flange = Trans(net(q)) · Rot(B ∘ M₀) · Π [Rx(α)·Dx(a)·Ry(β)·Rz(q + θ + C·q + h(q))·Dz(d)·Rot(K_i ∘ M_i)]`
 //!
 //! with the moments of gravity `M_i = R_iᵀ·Σ_{j≥i} [m_j·(o_j − o_i) + R_j·c_j] × g` about the origin of frame i, in its axes, and M₀ the same about
-//! the base's origin. Rot(w) is the rotation of a rotation vector, ∘ the product axis by axis, h the joint's harmonics, o_j and R_j origin and axes
-//! of frame j in the base frame. Moments are computed on the chain without corrections (deflection moves the masses by a thousandth) and with lengths
-//! in metres.
+//! the base's origin. Rot(w) is the rotation of a rotation vector, ∘ the product axis by axis, C·q the coupling of the joints, h the joint's
+//! harmonics, o_j and R_j origin and axes of frame j in the base frame. Moments are computed on the chain without corrections (deflection moves the
+//! masses by a thousandth) and with lengths in metres.
 
 use crate::kinematics::corrections::{Compliance, Corrections};
 use crate::kinematics::forward::t_previous_link;
@@ -94,7 +94,7 @@ pub fn t_base_flange_corrected(
     let base_turn = rotation_exp(&compliance.base_rad.component_mul(&moments.base));
     let mut t_base_link = IsometryMatrix3::from_parts(Translation3::identity(), base_turn);
     for (i, (link, q)) in links.iter().zip(q_rad).enumerate() {
-        t_base_link *= t_previous_link(link, q + corrections.harmonic_rad(i, *q));
+        t_base_link *= t_previous_link(link, q + corrections.joint_error_rad(i, q_rad));
         t_base_link.rotation *=
             rotation_exp(&compliance.joints_rad[i].component_mul(&moments.joints[i]));
     }

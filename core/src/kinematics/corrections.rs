@@ -1,5 +1,5 @@
 //! Corrections of effects that link parameters cannot describe, as plain data: joints and a base that deflect under gravity, joints with eccentric
-//! transmissions, and a network for the rest. [`compliance`](crate::kinematics::compliance) applies them.
+//! transmissions and couplings, and a network for the rest. [`compliance`](crate::kinematics::compliance) applies them.
 
 use crate::kinematics::Mounting;
 use nalgebra::Vector3;
@@ -14,6 +14,9 @@ pub const MASS_UNIT_KG: f64 = 10.0;
 pub struct Corrections {
     /// Deflection under gravity.
     pub compliance: Compliance,
+    /// Coupling C of the joints, n × n: joint i turns by C_ij·q_j in addition to its own value, rad/rad. Off the diagonal these are the couplings of
+    /// a gear train or of parallel rods; on it, errors of a gear ratio.
+    pub joint_coupling: Vec<Vec<f64>>,
     /// Harmonics of each joint, by order: the k-th entry has the phase (k + 1)·q.
     pub harmonics: Vec<Vec<Harmonic>>,
     /// Remaining displacement as a function of the joints.
@@ -103,18 +106,21 @@ impl Corrections {
                 payload: None,
                 mass_unit_kg: MASS_UNIT_KG,
             },
+            joint_coupling: vec![vec![0.0; n_links]; n_links],
             harmonics: vec![vec![Harmonic::default(); HARMONIC_ORDERS]; n_links],
             residual: None,
         }
     }
 
-    /// Sum of the harmonics that is added to a joint's value, rad.
-    pub fn harmonic_rad(&self, joint: usize, q_rad: f64) -> f64 {
+    /// What is added to a joint's value: its coupling to all joints, and its harmonics, rad.
+    pub fn joint_error_rad(&self, joint: usize, q_rad: &[f64]) -> f64 {
+        let followed = self.joint_coupling[joint].iter().zip(q_rad);
+        let of_coupling = followed.fold(0.0, |sum, (ratio, q)| sum + ratio * q);
         self.harmonics[joint]
             .iter()
             .enumerate()
-            .fold(0.0, |sum, (k, harmonic)| {
-                let (s, c) = libm::sincos((k + 1) as f64 * q_rad);
+            .fold(of_coupling, |sum, (k, harmonic)| {
+                let (s, c) = libm::sincos((k + 1) as f64 * q_rad[joint]);
                 sum + harmonic.sin_rad * s + harmonic.cos_rad * c
             })
     }

@@ -54,6 +54,7 @@ fn case(line: &str) -> Case {
     let (gravity_in_base, masses, first_moments_m) =
         (numbers.vector(), numbers.take(n), numbers.vectors(n));
     let (joints_rad, base_rad) = (numbers.vectors(n), numbers.vector());
+    let joint_coupling = (0..n).map(|_| numbers.take(n)).collect();
     let harmonics = (0..n)
         .map(|_| {
             numbers
@@ -88,6 +89,7 @@ fn case(line: &str) -> Case {
         q_rad,
         corrections: Corrections {
             compliance,
+            joint_coupling,
             harmonics,
             residual: None,
         },

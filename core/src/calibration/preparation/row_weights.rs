@@ -13,14 +13,14 @@ use crate::calibration::preparation::observe::{Observed, placed, relative_weight
 use crate::calibration::problem::Problem;
 use crate::calibration::request::{CalibrationRequest, Method, Preset};
 use crate::identification::least_squares::estimate::{Estimate, estimate};
-use crate::identification::least_squares::evidence::{
-    probable_variance_over_usual, variance_over_usual,
-};
 use crate::identification::least_squares::linearisation::decomposition_at;
 use crate::identification::least_squares::multistart::{BestStart, best_start};
 use crate::identification::least_squares::problem::{self, USUAL_ANGLE_RAD, usual_length_mm};
 use crate::identification::model::objective::{Observation, with_weight};
 use crate::identification::model::parameters::Parameter;
+use crate::identification::statistics::variance::{
+    probable_variance_over_usual, variance_over_usual,
+};
 use crate::measurement::position_noise::PositionNoise;
 use crate::measurement::{MeasurementSet, Point, Subset};
 use crate::solvers::watch::Watch;

@@ -9,11 +9,11 @@ use crate::calibration::request::{CalibrationRequest, CorrectionsChoice, Preset}
 use crate::calibration::validation::robust_comparison::robust_comparison;
 use crate::calibration::{Event, Monitor};
 use crate::identification::corrections::corrected::{CorrectedModel, IdentifiedRobot};
-use crate::identification::corrections::{Evidence, Fitted, Setting, Term, select};
+use crate::identification::corrections::{COMPLIANCE, Evidence, Fitted, Setting, select};
 use crate::identification::least_squares::start::{fit_base_and_targets, place};
+use crate::identification::model::correction_terms::Term;
 use crate::identification::model::objective::{Observation, weighted_residuals};
 use crate::identification::model::pose_rows::rotation_residual_rad;
-use crate::identification::model::priors::Prior;
 use crate::identification::{self, KinematicModel};
 use crate::kinematics::compliance::{moments, rigid_chain};
 use crate::kinematics::{MeasuredRegion, Mounting, reach_mm};
@@ -72,7 +72,6 @@ pub(super) struct Points {
     sessions: Vec<Option<String>>,
     /// Set-up of each point; empty if all are of the reference set-up.
     pub(super) set_ups: Vec<Option<usize>>,
-    n_motions: usize,
 }
 
 impl Points {
@@ -101,7 +100,6 @@ impl Points {
         let is_one = set_ups.iter().all(Option::is_none);
         Self {
             set_ups: if is_one { vec![] } else { set_ups },
-            n_motions: if is_one { 0 } else { n_motions },
             clusters: renumbered(taken.iter().map(|((_, cluster), _)| *cluster)),
             sessions: taken.iter().map(|(_, row)| session(*row)).collect(),
             observations: taken.into_iter().map(|((o, _), _)| o).collect(),
@@ -120,27 +118,25 @@ impl Points {
 }
 
 /// Everything that stays the same in all fits of corrections.
-pub(super) fn setting<'a>(
-    problem: &'a Problem<'_>,
-    nominal: &'a KinematicModel,
-    priors: &'a [Prior],
-    points: &'a Points,
-) -> Setting<'a> {
+pub(super) fn setting<'a>(problem: &Problem<'_>, points: &'a Points) -> Setting<'a> {
     let request = problem.request;
+    let nominal = delivered(problem, &problem.nominal);
+    let mounting = by_level(request, &nominal)
+        .or(request.robot.mounting)
+        .unwrap_or(Mounting {
+            gravity_in_base: -Vector3::z(),
+            std_rad: USUAL_MOUNTING_STD_RAD,
+        });
+    let mut links = problem
+        .rows(&points.observations, &[])
+        .with_stations(&points.set_ups);
+    links.reference = nominal;
     Setting {
-        nominal,
-        mounting: by_level(request, nominal)
-            .or(request.robot.mounting)
-            .unwrap_or(Mounting {
-                gravity_in_base: -Vector3::z(),
-                std_rad: USUAL_MOUNTING_STD_RAD,
-            }),
+        links,
+        mounting,
         payload: request.payload,
-        parameters: &problem.parameters,
-        scale: &problem.decomposition.scale,
-        priors,
         observations: &points.observations,
-        set_ups: &points.set_ups,
+        stations: &points.set_ups,
     }
 }
 
@@ -221,11 +217,11 @@ pub fn mounting_contradicted(problem: &Problem<'_>, found: &Found) -> Option<War
 }
 
 /// True if gravity does negative work on the joints over all points, Σ M·(K∘M) < 0. Elastic deflection follows the load, so this is
-/// impossible. Only stiffnesses that clearly reduce the error of points that were not fitted are counted.
+/// impossible. It is said only where compliance clearly reduces the error of points that were not fitted.
 fn gives_against_gravity(problem: &Problem<'_>, found: &Found) -> bool {
     let is_clear = |tried: &Evidence| {
         let least_mm2 = CONTRADICTED_SIGMAS * tried.standard_error_mm2;
-        tried.kept && tried.kind.starts_with("stiffness") && tried.gain_mm2 > least_mm2
+        tried.kept && tried.kind == COMPLIANCE && tried.gain_mm2 > least_mm2
     };
     let Some(corrected) = found.corrected.as_ref() else {
         return false;
@@ -242,14 +238,14 @@ fn gives_against_gravity(problem: &Problem<'_>, found: &Found) -> bool {
 /// Warning: no corrections were searched for, because priors are stated.
 pub fn left_out_for_priors() -> Warning {
     // Stated bounds and means of links have not been tested together with corrections on a measured robot.
-    let detail = "what links cannot say (sag, harmonics, the residual network) was not looked for, because parameters have priors: \
+    let detail = "what links cannot say (sag, couplings, harmonics, the residual network) was not looked for, because parameters have priors: \
                   `links_with_corrections` would not keep to them. The set predicts by its links alone; leave `priors` out to have corrections";
     Warning::new("corrections_left_out", detail)
 }
 
 /// Warning: no corrections were searched for in a partial recalibration.
 pub fn left_out_of_a_part() -> Warning {
-    let detail = "what links cannot say (sag, harmonics, the residual network) was not looked for, because most parameters were held: \
+    let detail = "what links cannot say (sag, couplings, harmonics, the residual network) was not looked for, because most parameters were held: \
                   corrections would say what those leave over. The set predicts by its links alone; identify all parameters to have corrections";
     Warning::new("corrections_left_out", detail)
 }
@@ -352,16 +348,9 @@ pub fn corrections(
     let Some(variance) = points.variance(problem, model) else {
         return nothing;
     };
-    let nominal = delivered(problem, &problem.nominal);
-    let priors = problem.determined(model, observations).priors;
-    let setting = setting(problem, &nominal, &priors.all, &points);
-    let start = Fitted {
-        motions: vec![IsometryMatrix3::identity(); points.n_motions],
-        model: delivered(problem, model),
-        terms: vec![],
-        values: vec![],
-        variance,
-    };
+    let setting = setting(problem, &points);
+    let n_links = setting.links.reference.links.len();
+    let start = Fitted::of_links(delivered(problem, model), variance);
     let mut go_on = || monitor(Event::Heartbeat).is_continue();
     let Some(selected) = select(
         &setting,
@@ -374,11 +363,11 @@ pub fn corrections(
     ) else {
         return nothing;
     };
-    let is_kept = selected.evidence.last().is_some_and(|all| all.kept);
+    let is_kept = selected.evidence.iter().any(|tried| tried.kept);
     let corrected = is_kept.then(|| CorrectedModel {
         model: selected.fitted.model.clone(),
         corrections: selected.corrections,
-        region: region(observations, nominal.links.len()),
+        region: region(observations, n_links),
     });
     Found {
         evidence: selected.evidence,
@@ -393,28 +382,23 @@ pub fn refit(
     problem: &Problem<'_>,
     model: &KinematicModel,
     found: &Found,
+    monitor: &mut Monitor<'_>,
 ) -> Option<(CorrectedModel, Fitted)> {
     let (fitted, kept) = (found.fitted.as_ref()?, found.corrected.as_ref()?);
     let points = Points::new(problem, model);
-    let observations = &points.observations;
-    let nominal = delivered(problem, &problem.nominal);
-    let priors = problem.determined(model, observations).priors;
-    // With other points, other set-ups may have enough points.
-    let start = Fitted {
-        motions: vec![IsometryMatrix3::identity(); points.n_motions],
-        ..fitted.clone()
-    };
+    let mut go_on = || monitor(Event::Heartbeat).is_continue();
     let (fitted, corrections) = identification::corrections::refit(
-        &setting(problem, &nominal, &priors.all, &points),
-        &start,
+        &setting(problem, &points),
+        fitted,
         kept.corrections.residual.is_some(),
         problem.request.residual_network.as_ref(),
         problem.request.seed,
+        &mut go_on,
     )?;
     let corrected = CorrectedModel {
         model: fitted.model.clone(),
         corrections,
-        region: region(observations, nominal.links.len()),
+        region: region(&points.observations, fitted.model.links.len()),
     };
     Some((corrected, fitted))
 }

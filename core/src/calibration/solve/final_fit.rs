@@ -24,11 +24,10 @@ use crate::compensation::tool_differences;
 use crate::identification::KinematicModel;
 use crate::identification::corrections::Fitted;
 use crate::identification::corrections::corrected::{CorrectedModel, IdentifiedRobot};
+use crate::identification::least_squares::problem::CorrectionWidths;
 use crate::identification::model::objective::{rms_mm, with_weight};
 use crate::identification::statistics::estimate::{CorrectedErrors, Estimate};
-use crate::identification::statistics::uncertainty::{
-    FittedCorrections, Session, Uncertainty, uncertainty,
-};
+use crate::identification::statistics::uncertainty::{Session, Uncertainty, uncertainty};
 use crate::identification::statistics::workspace::{ToolUncertainty, tool_uncertainty};
 use crate::kinematics::reach_mm;
 use crate::measurement::Subset;
@@ -106,7 +105,7 @@ pub fn final_fit<'a>(
         ),
         true => {
             let fit = least_squares_from(&problem, model, None, &mut quiet(monitor))?;
-            let refit = |found| corrections::refit(&problem, &fit.model, found);
+            let refit = |found| corrections::refit(&problem, &fit.model, found, monitor);
             let refitted = corrections.and_then(refit);
             // Compares both fits in the same way: by the links alone, if the corrections cannot be fitted again.
             let mut noises = [problem.noise(&fit.model), verified.noise(model)];
@@ -222,11 +221,12 @@ fn corrected_errors(
         return None;
     }
     let points = Points::new(problem, links_alone);
-    let nominal = delivered(problem, &problem.nominal);
-    let setting = setting(problem, &nominal, &[], &points);
+    let setting = setting(problem, &points);
     let placed = setting.placed(fitted);
-    let of_links = problem.rows(&points.observations, &[]);
-    let rows = problem.rows(&placed, &[]);
+    let mut rows = problem.rows(&placed, &[]);
+    rows.reference = setting.links.reference.clone();
+    let known = (setting.mounting, setting.payload);
+    let rows = rows.with_corrections(known, &fitted.terms, CorrectionWidths::ByEvidence);
     let stations = match points.set_ups.is_empty() {
         true => vec![None; placed.len()],
         false => points.set_ups.clone(),
@@ -237,13 +237,7 @@ fn corrected_errors(
         observations: &placed,
         configurations: &points.clusters,
         stations: &stations,
-        corrections: Some(FittedCorrections {
-            corrections: setting.corrections(fitted),
-            mounting: setting.mounting,
-            widths: setting.widths(&fitted.terms),
-            fitted,
-            links_alone: (links_alone, &of_links),
-        }),
+        corrections: Some(fitted),
         misfit: misfit(problem),
         watch,
     })?;

@@ -63,7 +63,7 @@ impl Problem<'_> {
             estimate(&rows, &rows.coordinates(start), 0.0, &mut |_| watch.flow()).into_summary()
         });
         let rows = self.rows(&trusted, &[]);
-        let (evidence, _) = evidence_at(&rows, &alone.model);
+        let (evidence, _) = evidence_at(&rows, &rows.coordinates(&alone.model));
         let of_points = LeastSquares {
             fit: &|start, points| {
                 self.within_bounds(start, &mut |held, start| {
@@ -154,7 +154,7 @@ impl Problem<'_> {
     pub fn noise(&self, model: &KinematicModel) -> Noise {
         let points = self.loss.as_squares(model, &self.identify);
         let rows = self.rows(&points, &[]);
-        let (evidence, posterior) = evidence_at(&rows, model);
+        let (evidence, posterior) = evidence_at(&rows, &rows.coordinates(model));
         Noise::of(&rows, &evidence, &posterior)
     }
 
@@ -167,7 +167,7 @@ impl Problem<'_> {
     /// What some points determine of each parameter, and the priors that were used.
     pub fn determined(&self, model: &KinematicModel, observations: &[Observation]) -> Determined {
         let rows = self.rows(observations, &[]);
-        let (evidence, posterior) = evidence_at(&rows, model);
+        let (evidence, posterior) = evidence_at(&rows, &rows.coordinates(model));
         let stated = self.priors.iter().flat_map(|known| &known.priors.all);
         let mut all: Vec<Prior> = stated.copied().collect();
         for (parameter, variable) in rows.variables.iter().enumerate() {

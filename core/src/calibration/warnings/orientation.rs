@@ -21,7 +21,7 @@ use crate::compensation::anchor;
 use crate::identification::KinematicModel;
 use crate::identification::least_squares::estimate::{Estimate, estimate};
 use crate::identification::least_squares::evidence::Noise;
-use crate::identification::least_squares::problem::{Kind, Prior, Problem, Variable};
+use crate::identification::least_squares::problem::{Kind, Prior, Problem, Unknown, Variable};
 use crate::identification::least_squares::start::fit_base_and_targets;
 use crate::identification::model::objective::{Observation, with_weight};
 use crate::identification::model::parameters::{Parameter, Quantity, complete_parameters};
@@ -107,7 +107,8 @@ fn rms_zero(points: &Problem<'_>, found: &Estimate) -> f64 {
 /// with the drawn length.
 fn with_the_last_link_as_drawn(points: &Problem<'_>, found: &Estimate) -> Option<KinematicModel> {
     let last = found.model.links.len() - 1;
-    let is_length = |v: &Variable| v.parameter == Parameter::Link(last, Quantity::A);
+    let is_length =
+        |v: &Variable| v.unknown == Unknown::Parameter(Parameter::Link(last, Quantity::A));
     let at = points.variables.iter().position(is_length)?;
     if found.x[at].abs() < IMPLAUSIBLE {
         return None;

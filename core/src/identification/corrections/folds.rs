@@ -12,16 +12,19 @@ const FOLDS: usize = 5;
 /// Number of divisions into parts. A configuration's error is averaged over them, because with few configurations a single division depends on luck.
 const DIVISIONS: u64 = 5;
 
+/// A correction is kept if its gain exceeds this number of its standard errors.
+const STANDARD_ERRORS: f64 = 2.0;
+
 /// A correction that was tried.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = CorrectionReport)]
 pub struct Evidence {
-    /// `stiffness_2_3` (the two joints with the largest gravity load), `stiffness_all`, `base_compliance`, `link_masses`, `link_centres`,
-    /// `joint_harmonics` or `residual_network`. They are tried in this order, each in addition to those that were kept before. `all_together` is
-    /// tried last.
+    /// `compliance` (joints and base deflect under gravity), `joint_coupling`, `joint_harmonics` or `residual_network`. They are tried in this order,
+    /// each in addition to those that were kept before. Reports of earlier versions also have `stiffness_2_3`,
+    /// `stiffness_all`, `base_compliance`, `link_masses`, `link_centres` and `all_together`.
     pub kind: String,
-    /// True if the correction is used. This requires that the gain exceeds its standard error (twice its standard error for `all_together`), and that
-    /// the errors on the verify points do not increase.
+    /// True if the correction is used. This requires that the gain exceeds twice its standard error, and that the errors on the verify points do
+    /// not increase. The errors below are of fits with the usual prior widths; the delivered fit takes its widths from the points.
     pub kept: bool,
     /// Why the correction was dropped in spite of its gain: `worse_on_verify_points` if the errors on the verify points are larger with all
     /// corrections than with the link parameters only. Absent otherwise.
@@ -64,7 +67,7 @@ impl Unseen {
 
     pub fn evidence(&self, with: &Self, kind: &str) -> Evidence {
         let (gain_mm2, standard_error_mm2) = self.gain(with);
-        let kept = gain_mm2 > standard_error_mm2;
+        let kept = gain_mm2 > STANDARD_ERRORS * standard_error_mm2;
         Evidence {
             kind: kind.into(),
             kept,

@@ -3,12 +3,12 @@
 //! Its samples are the residuals of the points, in the base frame. A network that is large enough also fits noise. Its weights therefore have a prior
 //! of width one (weight decay), and it is kept only if it wins on configurations that it has not seen.
 
-use super::fit::{Fitted, Setting};
-use super::folds::{Evidence, Folds, Unseen};
+use super::fit::{Fit, Setting};
+use super::folds::{Evidence, Folds};
 use crate::identification::model::objective::Observation;
 use crate::kinematics::ResidualNetwork;
 use crate::solvers::bpnn::{self, Network};
-use nalgebra::{DVector, Vector3};
+use nalgebra::Vector3;
 
 /// Number of hidden neurons. With more than ten, unseen points of measured robots gain nothing.
 const HIDDEN: usize = 10;
@@ -23,17 +23,13 @@ const MAX_SAMPLES: usize = 1_000;
 pub(super) struct FoldedResiduals<'a> {
     pub folds: &'a Folds,
     /// For each part left out: weighted residuals of all points.
-    pub residuals: &'a [DVector<f64>],
+    pub residuals: &'a [Vec<f64>],
     pub n_configurations: usize,
 }
 
 /// A network that was tried.
 pub(super) struct Tried {
     pub evidence: Evidence,
-    /// Errors without the network, on the network's division of the points.
-    pub before: Unseen,
-    /// Errors with the network, on the same division.
-    pub after: Unseen,
     /// The network, if it won.
     pub network: Option<ResidualNetwork>,
 }
@@ -47,18 +43,17 @@ struct Samples {
 /// Trains a network and evaluates it by cross-validation. `None` if there are too few samples, or if the residuals have no smooth part.
 pub(super) fn choose_network(
     setting: &Setting<'_>,
-    fitted: &Fitted,
+    fit: &Fit<'_>,
     folded: &FoldedResiduals<'_>,
     earlier: Option<&ResidualNetwork>,
     seed: u64,
     go_on: &mut dyn FnMut() -> bool,
 ) -> Option<Tried> {
     let folds = folded.folds;
-    if folded.n_configurations < MIN_CONFIGURATIONS || !neighbours_agree(setting, fitted) {
+    if folded.n_configurations < MIN_CONFIGURATIONS || !neighbours_agree(setting, fit) {
         return None;
     }
-    let left =
-        |residuals: &DVector<f64>, point: usize| left_in_base(setting, fitted, residuals, point);
+    let left = |residuals: &[f64], point: usize| left_in_base(setting, fit, residuals, point);
     let mut errors = vec![0.0; setting.observations.len()];
     for fold in 0..folds.n_folds {
         if !go_on() {
@@ -75,56 +70,63 @@ pub(super) fn choose_network(
         for point in unseen {
             let o = &setting.observations[point];
             let error = left(residuals, point) - network.displacement_mm(&o.q_rad);
-            errors[point] = o.weight * whitened_from_base(fitted, o, error).norm_squared();
+            errors[point] = o.weight * whitened_from_base(fit, o, error).norm_squared();
         }
     }
     // The same division is used for both errors, so that differences between divisions are not attributed to the network.
     let before = folds.by_configuration(|point| {
-        folded.residuals[folds.folds[point]]
-            .fixed_rows::<3>(3 * point)
-            .norm_squared()
+        position_rows(fit, &folded.residuals[folds.folds[point]], point).norm_squared()
     });
     let after = folds.by_configuration(|point| errors[point]);
     let evidence = before.evidence(&after, "residual_network");
     if !evidence.kept {
         return Some(Tried {
             evidence,
-            before,
-            after,
             network: None,
         });
     }
     Some(Tried {
         evidence,
-        before,
-        after,
-        network: Some(train_network(setting, fitted, earlier, seed)?),
+        network: Some(train_network(setting, fit, earlier, seed)?),
     })
 }
 
 /// The network trained on all points.
 pub(super) fn train_network(
     setting: &Setting<'_>,
-    fitted: &Fitted,
+    fit: &Fit<'_>,
     earlier: Option<&ResidualNetwork>,
     seed: u64,
 ) -> Option<ResidualNetwork> {
-    let residuals = setting.linear(fitted).residuals;
+    let residuals = residuals_at(fit);
     let all: Vec<usize> = (0..setting.observations.len()).collect();
-    let left = |point| left_in_base(setting, fitted, &residuals, point);
+    let left = |point| left_in_base(setting, fit, &residuals, point);
     train_residual_network(&samples(setting, &all, left), earlier, seed)
+}
+
+/// Weighted residuals of all points at a fit.
+fn residuals_at(fit: &Fit<'_>) -> Vec<f64> {
+    let mut residuals = vec![0.0; fit.problem.n_rows()];
+    fit.problem.evaluate(&fit.estimate.x, &mut residuals, None);
+    residuals
+}
+
+/// The position rows of a point.
+fn position_rows(fit: &Fit<'_>, residuals: &[f64], point: usize) -> Vector3<f64> {
+    let first = fit.problem.rows_of(point).start;
+    Vector3::from_column_slice(&residuals[first..first + 3])
 }
 
 /// The residual of a point in the base frame, mm.
 fn left_in_base(
     setting: &Setting<'_>,
-    fitted: &Fitted,
-    residuals: &DVector<f64>,
+    fit: &Fit<'_>,
+    residuals: &[f64],
     point: usize,
 ) -> Vector3<f64> {
-    let to_base = fitted.model.t_instrument_base.rotation.inverse();
+    let to_base = fit.estimate.model.t_instrument_base.rotation.inverse();
     let o = &setting.observations[point];
-    let row: Vector3<f64> = residuals.fixed_rows::<3>(3 * point).into();
+    let row = position_rows(fit, residuals, point);
     // The whitening matrix of a covariance is invertible.
     let whitening = o.whitening.and_then(|w| w.try_inverse());
     let row = whitening.map_or(row, |back| back * row);
@@ -132,17 +134,17 @@ fn left_in_base(
 }
 
 /// Transforms a vector of the base frame to the rows of an observation, without their weight.
-fn whitened_from_base(fitted: &Fitted, o: &Observation, v: Vector3<f64>) -> Vector3<f64> {
+fn whitened_from_base(fit: &Fit<'_>, o: &Observation, v: Vector3<f64>) -> Vector3<f64> {
     match o.whitening {
-        Some(w) => w * (fitted.model.t_instrument_base.rotation * v),
+        Some(w) => w * (fit.estimate.model.t_instrument_base.rotation * v),
         None => v,
     }
 }
 
 /// A fast check before training: if the residuals are a smooth function of the joints, those of neighbouring poses are similar. True if the
 /// mean product with the residual of the nearest other configuration exceeds its standard error.
-fn neighbours_agree(setting: &Setting<'_>, fitted: &Fitted) -> bool {
-    let residuals = setting.linear(fitted).residuals;
+fn neighbours_agree(setting: &Setting<'_>, fit: &Fit<'_>) -> bool {
+    let residuals = residuals_at(fit);
     let step = setting.observations.len().div_ceil(MAX_SAMPLES).max(1);
     let points: Vec<usize> = (0..setting.observations.len()).step_by(step).collect();
     let distance = |a: usize, b: usize| -> f64 {
@@ -159,11 +161,8 @@ fn neighbours_agree(setting: &Setting<'_>, fitted: &Fitted) -> bool {
             .map(|other| (distance(*point, *other), *other))
             .filter(|(d, _)| *d > 1e-6);
         let (_, nearest) = others.min_by(|a, b| a.0.total_cmp(&b.0))?;
-        Some(
-            residuals
-                .fixed_rows::<3>(3 * point)
-                .dot(&residuals.fixed_rows::<3>(3 * nearest)),
-        )
+        let [here, there] = [*point, nearest].map(|point| position_rows(fit, &residuals, point));
+        Some(here.dot(&there))
     };
     let products: Vec<f64> = points.iter().filter_map(product).collect();
     let n = products.len() as f64;

@@ -161,8 +161,40 @@ pub fn estimate(
     stop_at_mm2: f64,
     monitor: &mut dyn FnMut(Iteration) -> ControlFlow<()>,
 ) -> Estimate {
-    let least_sigma_mm = problem.least_sigma_mm;
     let evidence = Evidence::first(problem, FIRST_SIGMA * problem.reach_mm);
+    let ends = Ends {
+        at_mm2: stop_at_mm2,
+        ..Ends::AT_MINIMUM
+    };
+    estimate_from(problem, start, evidence, ends, monitor)
+}
+
+/// When least squares ends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ends {
+    /// If the sum of squares is at most this, mm².
+    pub at_mm2: f64,
+    /// If a step gains less than this share of the sum of squares.
+    pub smallest_gain: f64,
+}
+
+impl Ends {
+    /// At the minimum, to rounding.
+    pub const AT_MINIMUM: Self = Self {
+        at_mm2: 0.0,
+        smallest_gain: SMALLEST_GAIN,
+    };
+}
+
+/// As [`estimate`], starting with the given noise and widths.
+pub fn estimate_from(
+    problem: &Problem<'_>,
+    start: &[f64],
+    evidence: Evidence,
+    ends: Ends,
+    monitor: &mut dyn FnMut(Iteration) -> ControlFlow<()>,
+) -> Estimate {
+    let least_sigma_mm = problem.least_sigma_mm;
     let mut found = Estimate::before(problem, start, evidence);
     // Between parts of the rows, the monitor is called again with the last iteration.
     let (monitor, told) = (RefCell::new(monitor), Cell::new(None));
@@ -180,7 +212,7 @@ pub fn estimate(
     };
     let rows = Rows::new(problem, &watch);
     for _ in 0..ROUNDS {
-        descend(&rows, &mut found, stop_at_mm2, &mut tell);
+        descend(&rows, &mut found, ends, &mut tell);
         let triangle = rows.triangle(&found.x);
         let before = found.evidence.clone();
         found.evidence = triangle.evidence(problem, &found.x, before.clone(), least_sigma_mm);
@@ -221,7 +253,7 @@ pub fn most_probable(
     let start = problem.coordinates(start);
     let mut found = Estimate::before(problem, &start, evidence.clone());
     let rows = Rows::new(problem, watch);
-    descend(&rows, &mut found, 0.0, &mut |_| watch.flow());
+    descend(&rows, &mut found, Ends::AT_MINIMUM, &mut |_| watch.flow());
     found.with_curve(problem).into_summary()
 }
 
@@ -236,22 +268,27 @@ fn prior_sum_mm2(problem: &Problem<'_>, x: &[f64], evidence: &Evidence) -> f64 {
     evidence.sigma_mm * evidence.sigma_mm * squares
 }
 
-/// Noise, widths and posterior of the linear problem at a given model, which need not be the estimate.
-pub fn evidence_at(problem: &Problem<'_>, model: &KinematicModel) -> (Evidence, Posterior) {
-    let x = problem.coordinates(model);
-    let triangle = Rows::new(problem, &Watch::nobody()).triangle(&x);
+/// Noise, widths and posterior of the linear problem at the given coordinates, which need not be the estimate.
+pub fn evidence_at(problem: &Problem<'_>, x: &[f64]) -> (Evidence, Posterior) {
+    let triangle = Rows::new(problem, &Watch::nobody()).triangle(x);
     let first = Evidence::first(problem, FIRST_SIGMA * problem.reach_mm);
     let least_sigma_mm = problem.least_sigma_mm;
-    let evidence = triangle.evidence(problem, &x, first, least_sigma_mm);
-    let posterior = triangle.solve(&x, &evidence);
+    let evidence = triangle.evidence(problem, x, first, least_sigma_mm);
+    let posterior = triangle.solve(x, &evidence);
     (evidence, posterior)
+}
+
+/// The posterior of the linear problem at the given coordinates, with known noise and widths.
+pub fn posterior_at(problem: &Problem<'_>, x: &[f64], evidence: &Evidence) -> Posterior {
+    let triangle = Rows::new(problem, &Watch::nobody()).triangle(x);
+    triangle.solve(x, evidence)
 }
 
 /// Least squares of rows and priors from the current coordinates on, with fixed noise and widths.
 fn descend(
     rows_of: &Rows<'_>,
     found: &mut Estimate,
-    stop_at_mm2: f64,
+    ends: Ends,
     monitor: &mut dyn FnMut(Iteration) -> ControlFlow<()>,
 ) {
     let problem = rows_of.problem;
@@ -278,9 +315,9 @@ fn descend(
             }
         };
     let options = Options {
-        cost_tolerance: SMALLEST_GAIN,
+        cost_tolerance: ends.smallest_gain,
         step_tolerance: SMALLEST_STEP,
-        stop_at_cost: Some(stop_at_mm2 / (sigma_mm * sigma_mm)),
+        stop_at_cost: Some(ends.at_mm2 / (sigma_mm * sigma_mm)),
         ..Options::default()
     };
     let (steps, told_mm2) = (&mut found.steps, &mut found.convergence_mm2);

@@ -4,17 +4,17 @@
 //!
 //! - σ² is the sum of squares of the residuals, divided by the number of rows minus the number of coordinates that the rows determine;
 //! - g² is the factor by which the prior variances of a kind have grown from their start values. It is the sum of squares of the kind's
-//!   coordinates, divided by the number of those that the rows determine, and at least 1.
+//!   coordinates, divided by the number of those that the rows determine. It is at least 1 for links, and may be nearly 0 for corrections.
 //!
-//! Errors of links have heavy tails: most are small, but that of a joint that was never mastered is a hundred times larger. Each link
-//! parameter therefore has Student's t distribution, written as a normal distribution with its own unknown variance: width² = g²·(ν +
+//! Errors of links have heavy tails: most are small, but that of a joint that was never mastered is a hundred times larger. Each variable
+//! of a kind therefore has Student's t distribution, written as a normal distribution with its own unknown variance: width² = g²·(ν +
 //! x²/g²)/(ν + 1), with x² the expected square of the coordinate [Liu & Rubin 1995].
 //!
 //! σ starts far below the noise, so that at first the priors determine only what the rows do not.
 
 use crate::identification::least_squares::problem::{KINDS, Prior, Problem};
 use crate::identification::statistics::distributions::f_tail;
-use crate::identification::statistics::variance::Spectrum;
+use crate::identification::statistics::variance::{Spectrum, probable_variance_over_usual};
 use crate::solvers::qr::triangularise;
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
@@ -28,11 +28,6 @@ const CONVERGED: f64 = 1e-4;
 /// Minimum number of determined coordinates for estimating the width of a kind.
 const MIN_DETERMINED: f64 = 0.5;
 
-/// Smallest variance, as a share of the usual one. At this level, residuals are rounding errors.
-const MIN_VARIANCE: f64 = 1e-18;
-/// Number of bisections in the search for a variance.
-const HALVINGS: usize = 200;
-
 /// See [`Noise::is_more_than`].
 const SIGNIFICANCE_LEVEL: f64 = 1e-3;
 
@@ -41,7 +36,7 @@ const SIGNIFICANCE_LEVEL: f64 = 1e-3;
 pub struct Evidence {
     /// σ, standard deviation of a row of weight 1, mm.
     pub sigma_mm: f64,
-    /// g, the factor by which the priors of each kind are wider than at the start; at least 1. In the order of [`KINDS`].
+    /// g, the factor by which the priors of each kind are wider than at the start; at least [`Kind::min_growth`]. In the order of [`KINDS`].
     pub prior_growth: [f64; KINDS.len()],
     /// Prior standard deviation of each coordinate.
     pub widths: Vec<f64>,
@@ -73,6 +68,7 @@ impl Noise {
 }
 
 /// The rows of a problem at a fit, reduced to a triangle: |residuals + J·step|² = |right + R·step|² + rest.
+#[derive(Clone, Debug)]
 pub struct Triangle {
     /// R, p × p, upper triangle.
     r: DMatrix<f64>,
@@ -182,7 +178,7 @@ impl Evidence {
                 determined += posterior.data_share[j];
             }
             if determined > MIN_DETERMINED {
-                next.prior_growth[k] = (squares / determined).sqrt().max(1.0);
+                next.prior_growth[k] = (squares / determined).sqrt().max(kind.min_growth());
             }
             let g2 = next.prior_growth[k] * next.prior_growth[k];
             for j in (0..x.len()).filter(of_kind) {
@@ -219,6 +215,22 @@ impl Triangle {
         }
     }
 
+    /// The triangle of the rows of several triangles of one problem.
+    pub fn of_all<'t>(triangles: impl Iterator<Item = &'t Self>) -> Self {
+        let mut all: Option<Self> = None;
+        for triangle in triangles {
+            match &mut all {
+                None => all = Some(triangle.clone()),
+                Some(all) => {
+                    all.append(&[(triangle.r.clone(), triangle.right.clone())]);
+                    all.rest += triangle.rest;
+                    all.n_rows = all.n_rows + triangle.n_rows - triangle.right.len();
+                }
+            }
+        }
+        all.unwrap_or_else(|| Self::empty(0))
+    }
+
     /// Appends rows. Each block has derivatives and residuals.
     pub fn append(&mut self, blocks: &[(DMatrix<f64>, Vec<f64>)]) {
         let p = self.right.len();
@@ -245,12 +257,37 @@ impl Triangle {
         self.is_flat[coordinates].fill(false);
     }
 
-    /// Sets the expected values of the first coordinates from a problem. All others have a flat prior.
-    pub fn expect(&mut self, problem: &Problem<'_>) {
-        for (j, variable) in problem.variables.iter().enumerate() {
+    /// Sets the expected values of the first `n` coordinates from a problem. All others have a flat prior.
+    pub fn expect(&mut self, problem: &Problem<'_>, n: usize) {
+        for (j, variable) in problem.variables.iter().take(n).enumerate() {
             self.expected[j] = problem.expected(j);
             self.is_flat[j] = variable.prior == Prior::Flat;
         }
+    }
+
+    /// The same rows. Coordinates with a flat prior stay at `x` if no row determines them.
+    pub fn with_flat_at(mut self, x: &[f64]) -> Self {
+        for (j, is_flat) in self.is_flat.iter().enumerate() {
+            if *is_flat {
+                self.expected[j] = x[j];
+            }
+        }
+        self
+    }
+
+    /// The rows at a step from the fit.
+    pub fn moved(mut self, step: &[f64]) -> Self {
+        let by_step = &self.r * DVector::from_column_slice(step);
+        for (right, by_step) in self.right.iter_mut().zip(&by_step) {
+            *right += by_step;
+        }
+        self
+    }
+
+    /// The coordinates with a flat prior that the rows do not determine: stations and targets without points.
+    pub fn undetermined(&self, posterior: &Posterior) -> Vec<usize> {
+        let is_undetermined = |j: &usize| self.is_flat[*j] && posterior.data_share[*j] < 0.5;
+        (0..self.right.len()).filter(is_undetermined).collect()
     }
 
     /// Number of coordinates.
@@ -407,45 +444,6 @@ impl Triangle {
         }
         evidence
     }
-}
-
-/// The factor c² for which Σ square/(stated² + c²·usual²) equals `freedom`, limited to 1e-18 (below, residuals are rounding) and 1e18.
-/// Terms are (square, stated², usual²).
-pub fn variance_over_usual(terms: &[(f64, f64, f64)], freedom: f64) -> f64 {
-    if terms.iter().all(|(_, stated, _)| *stated == 0.0) {
-        let sum: f64 = terms.iter().map(|(square, _, usual)| square / usual).sum();
-        return (sum / freedom.max(1.0)).max(MIN_VARIANCE);
-    }
-    bisected(terms, |_| freedom.max(1.0))
-}
-
-/// As [`variance_over_usual`], but the most probable c² with a prior: log c is normal about 0 with a standard deviation τ of one decade.
-/// The prior adds log c/τ², the derivative of its logarithm, to the freedom, so it matters only if the rows leave hardly any freedom.
-pub fn probable_variance_over_usual(terms: &[(f64, f64, f64)], freedom: f64) -> f64 {
-    let decade = std::f64::consts::LN_10;
-    bisected(terms, |c2| {
-        freedom + 0.5 * libm::log(c2) / (decade * decade)
-    })
-}
-
-/// The c² for which Σ square/(stated² + c²·usual²) equals `freedom(c²)`.
-fn bisected(terms: &[(f64, f64, f64)], freedom: impl Fn(f64) -> f64) -> f64 {
-    let is_below = |c2: f64| -> bool {
-        let term = |(square, stated, usual): &(f64, f64, f64)| square / (stated + c2 * usual);
-        terms.iter().map(term).sum::<f64>() > freedom(c2)
-    };
-    let (mut low, mut high) = (MIN_VARIANCE, 1.0 / MIN_VARIANCE);
-    if !is_below(low) {
-        return low;
-    }
-    for _ in 0..HALVINGS {
-        let middle = (low * high).sqrt();
-        match is_below(middle) {
-            true => low = middle,
-            false => high = middle,
-        }
-    }
-    high
 }
 
 /// Inverse of the upper triangle in the first rows of a matrix.

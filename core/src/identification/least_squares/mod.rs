@@ -1,5 +1,6 @@
 //! The least-squares problem, its noise and prior widths, its start, and its most probable values.
 
+mod block;
 pub mod estimate;
 pub mod evidence;
 pub mod hand_eye;
@@ -8,3 +9,4 @@ pub mod multistart;
 mod parts;
 pub mod problem;
 pub mod start;
+pub mod variables;

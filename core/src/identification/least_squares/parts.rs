@@ -59,7 +59,7 @@ impl<'a> Parts<'a> {
             triangle.append(&[(jacobian, residuals)]);
         }
         if let Some(part) = self.parts.first() {
-            triangle.expect(part);
+            triangle.expect(part, self.n_coordinates);
         }
         triangle
     }

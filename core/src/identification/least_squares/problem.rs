@@ -1,115 +1,24 @@
 //! The least-squares problem that every estimate solves: variables with their priors, and blocks of rows that depend on them.
 //!
-//! Coordinate x_j is the deviation of variable j from the reference, in units of its width, so that all coordinates are of similar size. A
-//! block has the rows of one measurement; only the block knows their number. A row is sqrt(weight) · W · (measured − predicted), in mm,
-//! where W whitens noise that differs between directions. A pose has three more rows: the rotation vector between the predicted and the
-//! measured target, times a length in mm/rad. The priors are rows too; [`crate::identification::least_squares::estimate`] adds them.
+//! Coordinate x_j is the deviation of variable j from the reference, in units of its width, so that all coordinates are of similar size. The
+//! variables are the parameters of base, links and targets; then, if requested, the motions of the instrument's stations and the terms of the
+//! corrections. A block has the rows of one measurement; only the block knows their number. A row is sqrt(weight) · W · (measured −
+//! predicted), in mm, where W whitens noise that differs between directions. A pose has three more rows: the rotation vector between the
+//! predicted and the measured target, times a length in mm/rad. The priors are rows too;
+//! [`crate::identification::least_squares::estimate`] adds them.
 
 use crate::identification::KinematicModel;
+use crate::identification::least_squares::block::{Block, State, StationMotion};
+pub use crate::identification::least_squares::variables::*;
+use crate::identification::model::correction_terms::{Term, corrections_at};
 use crate::identification::model::objective::{Observation, posed_targets};
 use crate::identification::model::parameters::{
-    Parameter, Quantity, apply_into, deviation_from, left_jacobian, placement_parameters,
-    target_rotation_parameters,
+    Parameter, apply_into, deviation_from, placement_parameters, target_rotation_parameters,
 };
-use crate::identification::model::pose_rows::{
-    MeasuredRotation, MovedBy, rotation_residual_rad, rows_by_turn,
-};
-use crate::kinematics::{Link, PositionJacobian, placement_jacobian, position_jacobian};
+use crate::kinematics::{Corrections, Link, Mounting, Payload};
 use crate::solvers::median::median;
-use nalgebra::{DMatrix, IsometryMatrix3, Matrix3, Rotation3, Vector3};
+use nalgebra::{DMatrix, IsometryMatrix3, Vector3};
 use std::ops::Range;
-
-/// Prior of a link's length as a share of the reach (one standard deviation): 0.5 mm on an arm of 1.7 m.
-const LENGTH_PER_REACH: f64 = 0.5 / 1700.0;
-/// Prior of an angle between two axes, rad (0.05°).
-const ANGLE_RAD: f64 = 0.05 * std::f64::consts::PI / 180.0;
-/// Prior of a joint offset, rad (0.3°): joints are mastered on the shop floor.
-const OFFSET_RAD: f64 = 0.3 * std::f64::consts::PI / 180.0;
-
-/// Prior of the position of a measured base frame, mm (one standard deviation): a frame that was set up with probes and sweeps.
-pub const BASE_MM: f64 = 1.0;
-/// Prior of the rotation of a measured base frame, rad (0.05°).
-pub const BASE_RAD: f64 = 0.05 * std::f64::consts::PI / 180.0;
-
-/// Usual error of a link's length, mm. It is also the expected scatter of positions.
-pub fn usual_length_mm(reach_mm: f64) -> f64 {
-    LENGTH_PER_REACH * reach_mm
-}
-
-/// Usual error of an angle between two axes, rad.
-pub const USUAL_ANGLE_RAD: f64 = ANGLE_RAD;
-
-/// Usual error of a joint offset, rad.
-pub const USUAL_OFFSET_RAD: f64 = OFFSET_RAD;
-
-/// Length that converts a pose's angles to mm before its noise is known, mm/rad: the ratio of the usual errors of link lengths and angles.
-pub fn usual_mm_per_rad(reach_mm: f64) -> f64 {
-    usual_length_mm(reach_mm) / ANGLE_RAD
-}
-
-/// Minimum of σ as a share of the reach: a picometre on an arm of a metre, the last digit of any file.
-pub const MIN_SIGMA: f64 = 1e-12;
-
-/// Kinds of variables. Variables of a kind have similar errors, and their priors are widened together.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
-    /// a and d.
-    Length,
-    /// alpha and beta.
-    Angle,
-    /// theta_offset.
-    Offset,
-    /// Position of a measured base frame.
-    BasePosition,
-    /// Rotation of a measured base frame.
-    BaseRotation,
-}
-
-/// All kinds, in the order in which their widths are stored.
-pub const KINDS: [Kind; 5] = [
-    Kind::Length,
-    Kind::Angle,
-    Kind::Offset,
-    Kind::BasePosition,
-    Kind::BaseRotation,
-];
-
-/// Prior of a variable.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Prior {
-    /// Normal about the reference. The standard deviation is one width at the start, and grows with the deviations of all variables of its
-    /// kind.
-    OfKind(Kind),
-    /// Normal about `mean` with the standard deviation `std`, both in units of the width; never widened.
-    Stated {
-        /// Expected coordinate.
-        mean: f64,
-        /// One standard deviation of the coordinate.
-        std: f64,
-    },
-    /// No prior knowledge.
-    Flat,
-}
-
-/// A variable of the problem.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Variable {
-    /// The parameter that it moves.
-    pub parameter: Parameter,
-    /// Unit of the coordinate, mm or rad.
-    pub width: f64,
-    /// Its prior.
-    pub prior: Prior,
-}
-
-/// The rows of one measurement.
-#[derive(Clone, Debug)]
-struct Block<'a> {
-    rows: Range<usize>,
-    measured: &'a Observation,
-    /// Flange in the base frame, if it is known; otherwise it is computed from the links.
-    flange: Option<&'a IsometryMatrix3<f64>>,
-}
 
 /// Variables and blocks.
 #[derive(Clone, Debug)]
@@ -126,6 +35,15 @@ pub struct Problem<'a> {
     pub usual_sigma_mm: Option<f64>,
     parameters: Vec<Parameter>,
     blocks: Vec<Block<'a>>,
+    /// Gravity and payload of a robot with corrections; `None` for links alone.
+    corrected: Option<Corrected>,
+}
+
+/// What is known of a robot with corrections before its points are used.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Corrected {
+    mounting: Mounting,
+    payload: Option<Payload>,
 }
 
 /// Radius of the workspace, mm: the sum of the links' lengths. For a robot whose links have no length, it is the median distance of the
@@ -140,111 +58,6 @@ pub fn reach_mm<'a>(
     let middle = Vector3::from_fn(|axis, _| along(axis).unwrap_or(0.0));
     let of_points = median(positions.clone().map(|p| (p - middle).norm())).unwrap_or(0.0);
     of_links.max(of_points).max(f64::MIN_POSITIVE)
-}
-
-/// A variable with its own prior: links by their kind, base and targets flat.
-pub fn variable(parameter: Parameter, reach_mm: f64) -> Variable {
-    let (width, prior) = match parameter {
-        Parameter::Link(_, Quantity::A | Quantity::D) => {
-            (LENGTH_PER_REACH * reach_mm, Prior::OfKind(Kind::Length))
-        }
-        Parameter::Link(_, Quantity::Alpha | Quantity::Beta) => {
-            (ANGLE_RAD, Prior::OfKind(Kind::Angle))
-        }
-        Parameter::Link(_, Quantity::ThetaOffset) => (OFFSET_RAD, Prior::OfKind(Kind::Offset)),
-        Parameter::BaseRotation(_) | Parameter::TargetRotation(..) => (1.0, Prior::Flat),
-        Parameter::BaseTranslation(_) | Parameter::Target(..) => (reach_mm, Prior::Flat),
-    };
-    Variable {
-        parameter,
-        width,
-        prior,
-    }
-}
-
-impl Block<'_> {
-    /// The predicted position and its derivatives.
-    fn jacobian(&self, model: &KinematicModel, target_mm: &Vector3<f64>) -> PositionJacobian {
-        let base = &model.t_instrument_base;
-        match self.flange {
-            Some(flange) => placement_jacobian(base, &(base * flange), target_mm),
-            None => position_jacobian(base, &model.links, &self.measured.q_rad, target_mm),
-        }
-    }
-
-    /// The measured rotation of a pose, and its prediction; `None` for a position.
-    fn rotation(&self, model: &KinematicModel) -> Option<(&MeasuredRotation, Rotation3<f64>)> {
-        let o = self.measured;
-        let measured = o.rotation.as_ref()?;
-        let of_target = model.target_rotations.get(o.target)?;
-        let predicted = match self.flange {
-            Some(flange) => model.t_instrument_base.rotation * flange.rotation * of_target,
-            None => model.rotation(&o.q_rad, o.target)?,
-        };
-        Some((measured, predicted))
-    }
-
-    /// Fills the rows' residuals and, if requested, their derivatives by the coordinates.
-    fn fill(
-        &self,
-        problem: &Problem<'_>,
-        at: &At,
-        residuals: &mut [f64],
-        jacobian: Option<&mut DMatrix<f64>>,
-    ) {
-        let (o, model) = (self.measured, &at.model);
-        let here = self.jacobian(model, &model.targets_mm[o.target]);
-        let root = o.weight.sqrt();
-        let left = o.position_mm - here.position_mm;
-        let residuals = &mut residuals[self.rows.clone()];
-        fill_rows(&mut residuals[..3], &(o.whitened(left) * root));
-        // If the rotation has a lever, the position rows depend on the rotation rows.
-        let coupling = o.coupling();
-        let add_to_position = |rows: &mut [f64], of_rotation: &Vector3<f64>| {
-            if let Some(coupling) = &coupling {
-                let added = coupling * of_rotation;
-                (0..3).for_each(|axis| rows[axis] += added[axis]);
-            }
-        };
-        let pose = self.rotation(model);
-        if let Some((measured, predicted)) = &pose {
-            let left = rotation_residual_rad(predicted, measured) * (root * measured.mm_per_rad);
-            fill_rows(&mut residuals[3..], &left);
-            add_to_position(residuals, &left);
-        }
-        let Some(jacobian) = jacobian else { return };
-        let of_target = at.target_rotations_rad.get(o.target);
-        let of_target = of_target.map_or_else(Matrix3::identity, left_jacobian);
-        let of_base = left_jacobian(&at.base_rotation_rad);
-        let by = MovedBy::new(&here, of_base, of_target, o.target);
-        let by_turn = pose.map(|(measured, predicted)| {
-            let root_mm = root * measured.mm_per_rad;
-            (rows_by_turn(&predicted, measured), root_mm)
-        });
-        for (j, variable) in problem.variables.iter().enumerate() {
-            let moved = by.parameter(&variable.parameter);
-            let column = &mut jacobian.column_mut(j);
-            let rows = &mut column.as_mut_slice()[self.rows.clone()];
-            let shift = o.whitened(moved.shift) * (-root * variable.width);
-            fill_rows(&mut rows[..3], &shift);
-            if let Some((by_turn, root_mm)) = &by_turn {
-                let turn = by_turn * moved.turn * (-root_mm * variable.width);
-                fill_rows(&mut rows[3..], &turn);
-                add_to_position(rows, &turn);
-            }
-        }
-    }
-}
-
-fn fill_rows(rows: &mut [f64], values: &Vector3<f64>) {
-    rows.copy_from_slice(values.as_slice());
-}
-
-/// A problem's model at some coordinates.
-struct At {
-    model: KinematicModel,
-    base_rotation_rad: Vector3<f64>,
-    target_rotations_rad: Vec<Vector3<f64>>,
 }
 
 impl<'a> Problem<'a> {
@@ -294,6 +107,7 @@ impl<'a> Problem<'a> {
                 rows,
                 measured,
                 flange,
+                station: None,
             }
         };
         let with_weight = measured.filter(|(o, _)| o.weight > 0.0);
@@ -307,16 +121,44 @@ impl<'a> Problem<'a> {
             usual_sigma_mm: is_posed.then(|| usual_length_mm(reach_mm)),
             parameters: parameters.to_vec(),
             blocks,
+            corrected: None,
         }
+    }
+
+    /// The same problem with the motions of the instrument's stations as further variables. `stations` has the station of each block, from 0;
+    /// `None` for the reference station. The points are already placed in the reference station's frame.
+    pub fn with_stations(mut self, stations: &[Option<usize>]) -> Self {
+        let n_stations = stations.iter().flatten().map(|s| s + 1).max().unwrap_or(0);
+        for (block, station) in self.blocks.iter_mut().zip(stations) {
+            block.station = *station;
+        }
+        for station in 0..n_stations {
+            let axes = (0..6).map(|axis| station_variable(station, axis, self.reach_mm));
+            self.variables.extend(axes);
+        }
+        self
+    }
+
+    /// The same problem of a robot with corrections: their terms are further variables.
+    pub fn with_corrections(
+        mut self,
+        (mounting, payload): (Mounting, Option<Payload>),
+        terms: &[Term],
+        widths: CorrectionWidths,
+    ) -> Self {
+        let variable = |term: &Term| correction_variable(*term, &mounting, self.reach_mm, widths);
+        self.variables.extend(terms.iter().map(variable));
+        self.corrected = Some(Corrected { mounting, payload });
+        self
     }
 
     /// The same problem with a base that is known to be at the reference, with standard deviations of 1 mm and 0.05°. Its prior has heavy
     /// tails like those of links: the error of a badly set up base frame may be centimetres, and link 1 must not absorb it.
     pub fn with_known_base(mut self) -> Self {
         for variable in &mut self.variables {
-            let (width, kind) = match variable.parameter {
-                Parameter::BaseTranslation(_) => (BASE_MM, Kind::BasePosition),
-                Parameter::BaseRotation(_) => (BASE_RAD, Kind::BaseRotation),
+            let (width, kind) = match variable.unknown {
+                Unknown::Parameter(Parameter::BaseTranslation(_)) => (BASE_MM, Kind::BasePosition),
+                Unknown::Parameter(Parameter::BaseRotation(_)) => (BASE_RAD, Kind::BaseRotation),
                 _ => continue,
             };
             (variable.width, variable.prior) = (width, Prior::OfKind(kind));
@@ -327,7 +169,7 @@ impl<'a> Problem<'a> {
     /// Removes the links' own priors. This gives plain least squares, in which unobservable combinations stay at the reference.
     pub fn without_own_priors(&mut self) {
         for variable in &mut self.variables {
-            if variable.parameter.is_link() {
+            if matches!(variable.unknown, Unknown::Parameter(p) if p.is_link()) {
                 variable.prior = Prior::Flat;
             }
         }
@@ -336,7 +178,8 @@ impl<'a> Problem<'a> {
     /// Makes a parameter's prior flat. In the paper's model, this is used for the last d, which contains the reflector's height above the
     /// flange.
     pub fn free(&mut self, parameter: Parameter) {
-        let found = self.variables.iter_mut().find(|v| v.parameter == parameter);
+        let unknown = Unknown::Parameter(parameter);
+        let found = self.variables.iter_mut().find(|v| v.unknown == unknown);
         if let Some(variable) = found {
             (variable.width, variable.prior) = (self.reach_mm, Prior::Flat);
         }
@@ -389,6 +232,7 @@ impl<'a> Problem<'a> {
             usual_sigma_mm: self.usual_sigma_mm,
             parameters: self.parameters.clone(),
             blocks: blocks.map(&mut after_the_last).collect(),
+            corrected: self.corrected,
         }
     }
 
@@ -397,12 +241,26 @@ impl<'a> Problem<'a> {
         self.blocks.last().map_or(0, |block| block.rows.end)
     }
 
-    /// Coordinates of a model.
+    /// Coordinates of a model. Those of stations and corrections are 0.
     pub fn coordinates(&self, model: &KinematicModel) -> Vec<f64> {
-        self.variables
-            .iter()
-            .map(|v| deviation_from(&self.reference, model, &v.parameter) / v.width)
-            .collect()
+        self.coordinates_with(model, |_| 0.0)
+    }
+
+    /// Coordinates of a model with corrections, from the value of each term. Those of stations are 0.
+    pub fn coordinates_with(
+        &self,
+        model: &KinematicModel,
+        value: impl Fn(&Term) -> f64,
+    ) -> Vec<f64> {
+        let coordinate = |v: &Variable| {
+            let deviation = match &v.unknown {
+                Unknown::Parameter(parameter) => deviation_from(&self.reference, model, parameter),
+                Unknown::Station(..) => 0.0,
+                Unknown::Correction(term) => value(term),
+            };
+            deviation / v.width
+        };
+        self.variables.iter().map(coordinate).collect()
     }
 
     /// Deviations from the reference, mm or rad.
@@ -426,7 +284,19 @@ impl<'a> Problem<'a> {
         self.at(x).model
     }
 
-    fn at(&self, x: &[f64]) -> At {
+    /// The corrections at the given coordinates; `None` for links alone.
+    pub fn corrections(&self, x: &[f64]) -> Option<Corrections> {
+        self.at(x).corrections.map(|(corrections, _)| corrections)
+    }
+
+    /// The motion of each station at the given coordinates: it moves what is predicted for the station's points.
+    pub fn station_motions(&self, x: &[f64]) -> Vec<IsometryMatrix3<f64>> {
+        let stations = self.at(x).stations;
+        stations.iter().map(StationMotion::isometry).collect()
+    }
+
+    /// Everything that the rows depend on.
+    fn at(&self, x: &[f64]) -> State {
         let deviation = self.deviation(x);
         let mut base_rotation_rad = Vector3::zeros();
         let n_turned = self.reference.target_rotations.len();
@@ -442,10 +312,44 @@ impl<'a> Problem<'a> {
         }
         let mut model = self.reference.clone();
         apply_into(&self.reference, &self.parameters, &deviation, &mut model);
-        At {
+        let (mut stations, mut terms, mut values) = (vec![], vec![], vec![]);
+        let more = self.variables.iter().zip(&deviation);
+        for (variable, value) in more.skip(self.parameters.len()) {
+            match variable.unknown {
+                Unknown::Parameter(_) => {}
+                Unknown::Station(station, axis) => {
+                    stations.resize(
+                        station + 1,
+                        StationMotion {
+                            shift_mm: Vector3::zeros(),
+                            rotation_rad: Vector3::zeros(),
+                            about_mm: self.reference.t_instrument_base.translation.vector,
+                        },
+                    );
+                    let motion: &mut StationMotion = &mut stations[station];
+                    match axis {
+                        0..3 => motion.shift_mm[axis] = *value,
+                        _ => motion.rotation_rad[axis - 3] = *value,
+                    }
+                }
+                Unknown::Correction(term) => {
+                    terms.push(term);
+                    values.push(*value);
+                }
+            }
+        }
+        let corrections = self.corrected.map(|Corrected { mounting, payload }| {
+            let n_links = model.links.len();
+            let mut corrections = corrections_at(n_links, &mounting, &terms, &values);
+            corrections.compliance.payload = payload;
+            (corrections, mounting)
+        });
+        State {
             model,
             base_rotation_rad,
             target_rotations_rad,
+            corrections,
+            stations,
         }
     }
 
@@ -457,9 +361,9 @@ impl<'a> Problem<'a> {
         residuals: &mut [f64],
         mut jacobian: Option<&mut DMatrix<f64>>,
     ) {
-        let at = self.at(x);
+        let state = self.at(x);
         for block in &self.blocks {
-            block.fill(self, &at, residuals, jacobian.as_deref_mut());
+            block.fill(&self.variables, &state, residuals, jacobian.as_deref_mut());
         }
     }
 }

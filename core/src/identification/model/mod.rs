@@ -1,6 +1,8 @@
 //! The model that is identified: its parameters with scales and priors, and what it predicts at measured points.
 
 mod choices;
+pub mod corrected_pose;
+pub mod correction_terms;
 pub mod identifiability;
 pub mod objective;
 pub mod parameters;

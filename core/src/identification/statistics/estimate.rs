@@ -2,13 +2,14 @@
 
 use crate::identification::KinematicModel;
 use crate::identification::corrections::corrected::{CorrectedModel, IdentifiedRobot};
-use crate::identification::corrections::{Term, linearise};
 use crate::identification::least_squares::evidence::Noise;
-use crate::identification::model::objective::Observation;
+use crate::identification::model::corrected_pose::CorrectedPose;
+use crate::identification::model::correction_terms::Term;
 use crate::identification::model::parameters::Parameter;
+use crate::identification::model::pose_rows::MovedBy;
 use crate::identification::statistics::uncertainty::Uncertainty;
 use crate::kinematics::Mounting;
-use nalgebra::{DMatrix, Rotation3, Vector3};
+use nalgebra::{DMatrix, Matrix3, Rotation3, Vector3};
 
 /// The estimate of one session.
 #[derive(Clone, Debug, PartialEq)]
@@ -118,13 +119,16 @@ impl CorrectedErrors {
         parameters: &[Parameter],
         (q_rad, target): (&[f64], usize),
     ) -> (DMatrix<f64>, DMatrix<f64>) {
-        let here = [Observation::at(q_rad.to_vec(), Vector3::zeros(), target)];
-        let unknowns = (parameters, self.terms.as_slice());
         let CorrectedModel {
             model, corrections, ..
         } = corrected;
-        let (_, by_parameter, by_term) =
-            linearise(model, corrections, &self.mounting, unknowns, &here);
+        let pose = CorrectedPose::new(model, corrections, q_rad, target);
+        let by = MovedBy::new(&pose.at, Matrix3::identity(), Matrix3::identity(), target);
+        let columns: Vec<Vector3<f64>> = parameters.iter().map(|p| by.parameter(p).shift).collect();
+        let by_parameter = DMatrix::from_fn(3, columns.len(), |axis, j| columns[j][axis]);
+        let of_term = |term| pose.by_term(term, &self.mounting).shift;
+        let columns: Vec<Vector3<f64>> = self.terms.iter().map(of_term).collect();
+        let by_term = DMatrix::from_fn(3, columns.len(), |axis, j| columns[j][axis]);
         (by_parameter, by_term)
     }
 

@@ -19,13 +19,13 @@
 //! terms of the corrections, and u is the remaining misfit.
 
 use crate::identification::KinematicModel;
-use crate::identification::least_squares::estimate::evidence_at;
+use crate::identification::least_squares::estimate::{evidence_at, posterior_at};
 use crate::identification::model::objective::{Observation, weighted_jacobian};
 use crate::identification::model::parameters::Parameter;
 use crate::identification::statistics::distributions::t_half_width;
 use crate::identification::statistics::misfit::Misfit;
 use crate::identification::statistics::uncertainty_problem::Rows;
-pub use crate::identification::statistics::uncertainty_problem::{FittedCorrections, Session};
+pub use crate::identification::statistics::uncertainty_problem::Session;
 use crate::identification::statistics::uncertainty_solution::Solved;
 use nalgebra::{DMatrix, Vector3};
 
@@ -64,16 +64,22 @@ pub struct Uncertainty {
 pub fn uncertainty(session: Session<'_>) -> Option<Uncertainty> {
     let rows = Rows::new(&session);
     let columns = &rows.columns;
-    let (links_alone, points) = match &session.corrections {
-        None => (session.model, session.problem),
-        Some(of) => of.links_alone,
+    let x = rows.of_problem();
+    let of_fit = session
+        .corrections
+        .and_then(|fitted| fitted.evidence_without_stations(columns.n_parameters));
+    let (priors, at_fit) = match of_fit {
+        Some(evidence) => {
+            let posterior = posterior_at(session.problem, x, &evidence);
+            (evidence, posterior)
+        }
+        None => evidence_at(session.problem, x),
     };
-    let (links, alone) = evidence_at(points, links_alone);
-    let mut solved = rows.solve(&links, 0.0);
+    let mut solved = rows.solve(&priors, 0.0);
     let mut freedom = solved.triangle.freedom(&solved.posterior);
     let shared = rows.shared(&solved.columns, &solved.posterior, solved.evidence.sigma_mm);
     if shared.ratio > 0.0 {
-        solved = rows.solve(&links, shared.ratio);
+        solved = rows.solve(&priors, shared.ratio);
         freedom = shared.freedom;
     }
     let Solved {
@@ -117,10 +123,10 @@ pub fn uncertainty(session: Session<'_>) -> Option<Uncertainty> {
     let kept: Vec<usize> = (0..posterior.step.len())
         .filter(|j| !stations.contains(j))
         .collect();
-    let unit = |j: usize| match (session.problem.variables.get(j), &session.corrections) {
-        (Some(variable), _) => variable.width,
-        (None, Some(of)) if columns.terms().contains(&j) => of.widths[j - columns.terms().start],
-        _ => 1.0,
+    let variables = &session.problem.variables;
+    let unit = |j: usize| match columns.in_problem(j) {
+        Some(variable) => variables[variable].width,
+        None => 1.0,
     };
     let in_units = |matrix: &DMatrix<f64>| {
         DMatrix::from_fn(kept.len(), matrix.ncols(), |i, k| {
@@ -144,7 +150,7 @@ pub fn uncertainty(session: Session<'_>) -> Option<Uncertainty> {
         n_parameters: columns.n_parameters,
         n_terms: columns.n_terms,
         freedom: freedom.max(1.0),
-        stds_from_minimum: alone.stds_from_fit(),
+        stds_from_minimum: at_fit.stds_from_fit(),
         features,
     })
 }

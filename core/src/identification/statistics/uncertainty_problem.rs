@@ -1,14 +1,12 @@
 //! The rows of the wider problem of [`uncertainty`](super::uncertainty).
 
 use crate::identification::KinematicModel;
-use crate::identification::corrections::{Fitted, linearise, rotation_rows};
+use crate::identification::corrections::Fitted;
 use crate::identification::least_squares::evidence::{Posterior, Triangle};
 use crate::identification::least_squares::problem::Problem;
 use crate::identification::model::objective::Observation;
-use crate::identification::model::parameters::Parameter;
 use crate::identification::statistics::distributions::f_tail;
 use crate::identification::statistics::misfit::Misfit;
-use crate::kinematics::{Corrections, Mounting};
 use crate::solvers::watch::Watch;
 use nalgebra::{DMatrix, DVector, Matrix3, MatrixXx3, Vector3};
 use std::ops::Range;
@@ -32,26 +30,13 @@ pub struct Session<'a> {
     pub configurations: &'a [usize],
     /// The instrument's station of each observation, from 0; `None` for the reference station, in whose frame the model is.
     pub stations: &'a [Option<usize>],
-    /// The corrections that were fitted together with the links; their effect is part of the prediction.
-    pub corrections: Option<FittedCorrections<'a>>,
+    /// The fit of links and corrections, if the problem has corrections. Their terms are its last variables, and it has no stations. What a residual network corrects counts as
+    /// misfit and noise.
+    pub corrections: Option<&'a Fitted>,
     /// The misfit of the links, or of links and corrections.
     pub misfit: Misfit,
     /// Asked between parts of the work whether to stop. After a stop the result is not valid.
     pub watch: &'a Watch<'a>,
-}
-
-/// Corrections at their fit. Their terms are further coordinates of the problem, with the priors of that fit.
-pub struct FittedCorrections<'a> {
-    /// Links, terms and their values.
-    pub fitted: &'a Fitted,
-    /// The corrections without a residual network. What the network corrects counts as misfit and noise.
-    pub corrections: Corrections,
-    /// The direction of gravity that was used.
-    pub mounting: Mounting,
-    /// Prior standard deviation of each term.
-    pub widths: Vec<f64>,
-    /// The fit of the links alone to the same points, and those points in its placement. It determines the widths of the links' priors.
-    pub links_alone: (&'a KinematicModel, &'a Problem<'a>),
 }
 
 /// The columns of the wider problem.
@@ -74,6 +59,18 @@ impl Columns {
     pub(super) fn terms(&self) -> Range<usize> {
         let first = self.stations().end;
         first..first + self.n_terms
+    }
+
+    /// The variable of the session's problem in a column; `None` for stations and features.
+    pub(super) fn in_problem(&self, column: usize) -> Option<usize> {
+        let of_terms = || {
+            let from_terms = column.checked_sub(self.terms().start);
+            from_terms.filter(|term| *term < self.n_terms)
+        };
+        match column < self.n_parameters {
+            true => Some(column),
+            false => of_terms().map(|term| self.n_parameters + term),
+        }
     }
 
     pub(super) fn without_features(&self) -> usize {
@@ -107,6 +104,8 @@ pub(super) struct Rows<'a> {
     pub(super) session: &'a Session<'a>,
     pub(super) columns: Columns,
     pub(super) x: Vec<f64>,
+    /// The coordinates of the session's problem.
+    of_problem: Vec<f64>,
     /// The points of each configuration; positions and rotations form configurations of their own.
     points_of: Vec<Vec<Point>>,
 }
@@ -162,27 +161,37 @@ impl<'a> Rows<'a> {
         points_of.retain(|points| !points.is_empty());
         let n_features = misfit.features(model, [].into_iter()).ncols();
         let n_higher = misfit.n_higher_harmonics(model.links.len());
+        let n_terms = corrections.as_ref().map_or(0, |of| of.terms.len());
         let columns = Columns {
-            n_parameters: problem.variables.len(),
+            n_parameters: problem.variables.len() - n_terms,
             n_stations: stations.iter().flatten().map(|s| s + 1).max().unwrap_or(0),
-            n_terms: corrections.as_ref().map_or(0, |c| c.widths.len()),
+            n_terms,
             n_followings: misfit.followings.len(),
             n_higher,
             n_usual: n_features - misfit.followings.len() - n_higher,
         };
-        let mut x = problem.coordinates(model);
-        x.resize(columns.without_features(), 0.0);
-        if let Some(of) = corrections {
-            let values = of.fitted.values.iter().zip(&of.widths);
-            let values: Vec<f64> = values.map(|(value, width)| value / width).collect();
-            x[columns.terms()].copy_from_slice(&values);
-        }
+        let value = |term: &_| {
+            let at = corrections.and_then(|fitted| fitted.terms.iter().position(|t| t == term));
+            at.zip(*corrections)
+                .map_or(0.0, |(at, fitted)| fitted.values[at])
+        };
+        let of_problem = problem.coordinates_with(model, value);
+        let mut x = vec![0.0; columns.without_features()];
+        let (of_parameters, of_terms) = of_problem.split_at(columns.n_parameters);
+        x[..columns.n_parameters].copy_from_slice(of_parameters);
+        x[columns.terms()].copy_from_slice(of_terms);
         Self {
             session,
             columns,
+            of_problem,
             x,
             points_of,
         }
+    }
+
+    /// The identified robot's coordinates in the session's problem.
+    pub(super) fn of_problem(&self) -> &[f64] {
+        &self.of_problem
     }
 
     /// Number of all points.
@@ -260,54 +269,21 @@ impl<'a> Rows<'a> {
 
     /// Fills the columns of parameters and terms, and returns the residuals.
     fn of_model(&self, points: &[Point], matrix: &mut DMatrix<f64>) -> Vec<f64> {
-        let (problem, p) = (self.session.problem, self.columns.n_parameters);
+        let problem = self.session.problem;
+        let (p, n_terms) = (self.columns.n_parameters, self.columns.n_terms);
         let mut residuals = Vec::with_capacity(matrix.nrows());
-        let Some(of) = &self.session.corrections else {
-            let part = problem.part(points.iter().map(|point| point.observation));
-            let mut of_blocks = DMatrix::zeros(part.n_rows(), p);
-            let mut left = vec![0.0; part.n_rows()];
-            part.evaluate(&self.x[..p], &mut left, Some(&mut of_blocks));
-            for (k, point) in points.iter().enumerate() {
-                let first = part.rows_of(k).start + 3 * usize::from(point.is_rotation);
-                residuals.extend_from_slice(&left[first..first + 3]);
-                let to = &mut matrix.view_mut((3 * k, 0), (3, p));
-                to.copy_from(&of_blocks.rows(first, 3));
-            }
-            return residuals;
-        };
-        let observations = points.iter().map(|point| point.observation);
-        let observations: Vec<Observation> = observations
-            .map(|i| self.session.observations[i].clone())
-            .collect();
-        let parameters: Vec<Parameter> = problem.variables.iter().map(|v| v.parameter).collect();
-        let unknowns = (parameters.as_slice(), of.fitted.terms.as_slice());
-        let model = self.session.model;
-        let (left, by_parameter, by_term) = linearise(
-            model,
-            &of.corrections,
-            &of.mounting,
-            unknowns,
-            &observations,
-        );
-        let rotation_rows = rotation_rows(model, &observations);
-        let widths = problem.variables.iter().map(|v| v.width);
+        let part = problem.part(points.iter().map(|point| point.observation));
+        let mut of_blocks = DMatrix::zeros(part.n_rows(), p + n_terms);
+        let mut left = vec![0.0; part.n_rows()];
+        part.evaluate(&self.of_problem, &mut left, Some(&mut of_blocks));
         for (k, point) in points.iter().enumerate() {
-            let of_rotation = rotation_rows[k].filter(|_| point.is_rotation);
-            let first = of_rotation.unwrap_or(3 * k);
-            residuals.extend_from_slice(&left.as_slice()[first..first + 3]);
-            // A larger prediction gives a smaller residual.
-            let columns = widths
-                .clone()
-                .enumerate()
-                .map(|(j, width)| (j, by_parameter.column(j), width));
-            let terms = of.widths.iter().enumerate();
-            let terms =
-                terms.map(|(j, width)| (self.columns.terms().start + j, by_term.column(j), *width));
-            for (column, effect, width) in columns.chain(terms) {
-                for row in 0..3 {
-                    matrix[(3 * k + row, column)] = -effect[first + row] * width;
-                }
-            }
+            let first = part.rows_of(k).start + 3 * usize::from(point.is_rotation);
+            residuals.extend_from_slice(&left[first..first + 3]);
+            let mut to = matrix.rows_mut(3 * k, 3);
+            let from = of_blocks.rows(first, 3);
+            to.columns_mut(0, p).copy_from(&from.columns(0, p));
+            to.columns_mut(self.columns.terms().start, n_terms)
+                .copy_from(&from.columns(p, n_terms));
         }
         residuals
     }
@@ -364,7 +340,7 @@ impl<'a> Rows<'a> {
             }
         }
         triangle.append(&some);
-        triangle.expect(self.session.problem);
+        triangle.expect(self.session.problem, self.columns.n_parameters);
         triangle.expect_zero(self.columns.terms());
         triangle.expect_zero(self.columns.higher());
         triangle.expect_zero(self.columns.usual());

@@ -34,13 +34,13 @@ pub(super) struct Solved {
 }
 
 impl Rows<'_> {
-    /// The posterior, with σm and σ. `links` has the widths from the estimate of the links alone. Joints that follow others are added one
+    /// The posterior, with σm and σ. `priors` has the widths from the estimate. Joints that follow others are added one
     /// by one as coordinates with a flat prior, the most significant first.
-    pub(super) fn solve(&self, links: &Evidence, ratio: f64) -> Solved {
+    pub(super) fn solve(&self, priors: &Evidence, ratio: f64) -> Solved {
         let triangle = self.triangle(ratio);
         let mut followings = vec![];
         loop {
-            let solved = self.solve_with(&triangle, &followings, links);
+            let solved = self.solve_with(&triangle, &followings, priors);
             let next = self.next_following(&triangle, &solved);
             let Some(next) = next.filter(|_| self.session.watch.goes_on()) else {
                 return solved;
@@ -70,7 +70,7 @@ impl Rows<'_> {
         x
     }
 
-    fn solve_with(&self, triangle: &Triangle, followings: &[usize], links: &Evidence) -> Solved {
+    fn solve_with(&self, triangle: &Triangle, followings: &[usize], priors: &Evidence) -> Solved {
         let columns = &self.columns;
         let of_followings = followings.iter().map(|k| columns.without_features() + k);
         let flat: Vec<usize> = (0..columns.without_features())
@@ -80,13 +80,15 @@ impl Rows<'_> {
         // Coordinates, noise and widths, with the features that have a standard deviation.
         let with = |stds_rad: [f64; 2], sigma_mm: f64| {
             let mut columns = flat.clone();
+            let width = |column: &usize| match self.columns.in_problem(*column) {
+                Some(variable) => priors.widths[variable],
+                None => Evidence::FLAT,
+            };
             let mut evidence = Evidence {
                 sigma_mm,
-                ..links.clone()
+                widths: flat.iter().map(width).collect(),
+                ..priors.clone()
             };
-            evidence.widths.resize(flat.len(), Evidence::FLAT);
-            // The terms of corrections are in units of their priors.
-            evidence.widths[self.columns.terms()].fill(1.0);
             let [usual_std_rad, higher_std_rad] = stds_rad;
             for (features, std_rad) in [(&higher, higher_std_rad), (&usual, usual_std_rad)] {
                 if std_rad > 0.0 {
@@ -135,7 +137,7 @@ impl Rows<'_> {
         // If there are fewer equations than features, they show nothing about the features.
         let n_spare = (3 * self.n_points()).saturating_sub(flat.len());
         let (mut usual_rad, mut higher_rad) = (0.0, 0.0);
-        let mut sigma_mm = noise_mm([0.0, 0.0], links.sigma_mm);
+        let mut sigma_mm = noise_mm([0.0, 0.0], priors.sigma_mm);
         for search in 0..=SEARCHES {
             usual_rad = std_of(&usual, [0.0, higher_rad], sigma_mm, USUAL_KEPT_ABOVE);
             sigma_mm = noise_mm([usual_rad, higher_rad], sigma_mm);

@@ -1,11 +1,16 @@
 //! Estimates the size of a model's misfit σm². The residuals have the variance σ²·I + σm²·Φ·Φᵀ outside the space that a fit can follow.
 //!
 //! The eigenvectors of ΦᵀΦ in that space split the residuals into independent parts, so that the likelihood of each ratio σm²/σ² is a sum. It is the
-//! restricted likelihood (REML) [Patterson & Thompson 1971].
+//! restricted likelihood (REML) [Patterson & Thompson 1971]. Also the size of noise of which a part is stated.
 
 use crate::identification::statistics::distributions::chi_square_tail;
 use crate::solvers::products::{less_product, transposed_times};
 use nalgebra::{DMatrix, DVector};
+
+/// Smallest variance, as a share of the usual one. At this level, residuals are rounding errors.
+const MIN_VARIANCE: f64 = 1e-18;
+/// Number of bisections in the search for a variance.
+const HALVINGS: usize = 200;
 
 /// A misfit is kept if its likelihood ratio statistic exceeds the square of this: the upper 5 % at the boundary (Self & Liang 1987).
 const KEPT_ABOVE: f64 = 1.645;
@@ -183,4 +188,43 @@ pub fn random_effect(
         likelihood_ratio: (spectrum.deviance(0.0) - spectrum.deviance(ratio)).max(0.0),
         noise_variance: spectrum.noise_variance(ratio),
     })
+}
+
+/// The factor c² for which Σ square/(stated² + c²·usual²) equals `freedom`, limited to 1e-18 (below, residuals are rounding) and 1e18.
+/// Terms are (square, stated², usual²).
+pub fn variance_over_usual(terms: &[(f64, f64, f64)], freedom: f64) -> f64 {
+    if terms.iter().all(|(_, stated, _)| *stated == 0.0) {
+        let sum: f64 = terms.iter().map(|(square, _, usual)| square / usual).sum();
+        return (sum / freedom.max(1.0)).max(MIN_VARIANCE);
+    }
+    bisected(terms, |_| freedom.max(1.0))
+}
+
+/// As [`variance_over_usual`], but the most probable c² with a prior: log c is normal about 0 with a standard deviation τ of one decade.
+/// The prior adds log c/τ², the derivative of its logarithm, to the freedom, so it matters only if the rows leave hardly any freedom.
+pub fn probable_variance_over_usual(terms: &[(f64, f64, f64)], freedom: f64) -> f64 {
+    let decade = std::f64::consts::LN_10;
+    bisected(terms, |c2| {
+        freedom + 0.5 * libm::log(c2) / (decade * decade)
+    })
+}
+
+/// The c² for which Σ square/(stated² + c²·usual²) equals `freedom(c²)`.
+fn bisected(terms: &[(f64, f64, f64)], freedom: impl Fn(f64) -> f64) -> f64 {
+    let is_below = |c2: f64| -> bool {
+        let term = |(square, stated, usual): &(f64, f64, f64)| square / (stated + c2 * usual);
+        terms.iter().map(term).sum::<f64>() > freedom(c2)
+    };
+    let (mut low, mut high) = (MIN_VARIANCE, 1.0 / MIN_VARIANCE);
+    if !is_below(low) {
+        return low;
+    }
+    for _ in 0..HALVINGS {
+        let middle = (low * high).sqrt();
+        match is_below(middle) {
+            true => low = middle,
+            false => high = middle,
+        }
+    }
+    high
 }
