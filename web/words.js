@@ -324,7 +324,7 @@ export const CORRECTIONS = {
   joint_coupling: "Coupling of the joints",
   joint_harmonics: "Harmonics of the joints",
   link_centres: "Centres of gravity",
-  link_masses: "Masses of the links",
+  link_masses: "Masses and centres of gravity of the links",
   residual_network: "Residual network",
   stiffness_2_3: "Stiffness of joints 2 and 3",
   stiffness_all: "Stiffness of all joints",

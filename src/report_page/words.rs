@@ -101,7 +101,10 @@ mod tests {
     #[test]
     fn known_codes_have_their_words_and_others_are_spelled_out() {
         assert_eq!(warning("no_verify_points"), "Nothing was kept to verify");
-        assert_eq!(correction("link_masses"), "Masses of the links");
+        assert_eq!(
+            correction("link_masses"),
+            "Masses and centres of gravity of the links"
+        );
         assert_eq!(of("GATES", "identity"), "It is the same robot");
         assert_eq!(
             (method("least_squares"), method("not_thought_of")),

@@ -258,7 +258,7 @@ impl StoredCorrectedErrors {
             return Err("the corrections have other terms than their errors".into());
         }
         Ok(CorrectedErrors {
-            terms: self.terms.iter().filter_map(|term| term.term()).collect(),
+            terms: self.terms.iter().map(|term| (*term).into()).collect(),
             mounting: Mounting {
                 gravity_in_base: self.gravity_in_base.into(),
                 std_rad: self.gravity_std_rad,
@@ -288,6 +288,8 @@ impl From<Term> for StoredTerm {
         match term {
             Term::Joint(joint, axis) => Self::Joint(joint, axis),
             Term::Base(axis) => Self::Base(axis),
+            Term::Mass(link) => Self::Mass(link),
+            Term::FirstMoment(link, axis) => Self::FirstMoment(link, axis),
             Term::Gravity(axis) => Self::Gravity(axis),
             Term::Coupling(joint, other) => Self::Coupling(joint, other),
             Term::Harmonic(joint, order, phase) => Self::Harmonic(joint, order, phase),
@@ -295,16 +297,16 @@ impl From<Term> for StoredTerm {
     }
 }
 
-impl StoredTerm {
-    /// `None` for masses and first moments, which only earlier versions identified.
-    fn term(self) -> Option<Term> {
-        match self {
-            Self::Joint(joint, axis) => Some(Term::Joint(joint, axis)),
-            Self::Base(axis) => Some(Term::Base(axis)),
-            Self::Mass(_) | Self::FirstMoment(..) => None,
-            Self::Gravity(axis) => Some(Term::Gravity(axis)),
-            Self::Coupling(joint, other) => Some(Term::Coupling(joint, other)),
-            Self::Harmonic(joint, order, phase) => Some(Term::Harmonic(joint, order, phase)),
+impl From<StoredTerm> for Term {
+    fn from(term: StoredTerm) -> Self {
+        match term {
+            StoredTerm::Joint(joint, axis) => Self::Joint(joint, axis),
+            StoredTerm::Base(axis) => Self::Base(axis),
+            StoredTerm::Mass(link) => Self::Mass(link),
+            StoredTerm::FirstMoment(link, axis) => Self::FirstMoment(link, axis),
+            StoredTerm::Gravity(axis) => Self::Gravity(axis),
+            StoredTerm::Coupling(joint, other) => Self::Coupling(joint, other),
+            StoredTerm::Harmonic(joint, order, phase) => Self::Harmonic(joint, order, phase),
         }
     }
 }
@@ -355,9 +357,7 @@ impl TryFrom<&StoredEstimate> for Estimate {
         let rotation = |rows: &[[f64; 3]; 3]| {
             Rotation3::from_matrix_unchecked(Matrix3::from_fn(|i, j| rows[i][j]))
         };
-        // Links and corrections keep their values without the errors of terms that this version does not identify.
-        let is_known = |of: &&StoredCorrectedErrors| of.terms.iter().all(|t| t.term().is_some());
-        let corrected = stored.corrected.as_ref().filter(is_known);
+        let corrected = stored.corrected.as_ref();
         let model = KinematicModel {
             t_instrument_base: IsometryMatrix3::from_parts(
                 Translation3::from(Vector3::from(stored.translation_mm)),

@@ -49,9 +49,12 @@ fn every_term(n: usize) -> Vec<Term> {
     let couplings = (0..n).flat_map(|joint| (0..n).map(move |other| Term::Coupling(joint, other)));
     let harmonics =
         (0..n).flat_map(|joint| (0..4).map(move |k| Term::Harmonic(joint, k / 2, k % 2)));
+    let moments = (0..n).flat_map(|link| (0..3).map(move |axis| Term::FirstMoment(link, axis)));
     let base = (0..3).map(Term::Base).chain((0..2).map(Term::Gravity));
     joints
         .chain(couplings)
+        .chain((0..n).map(Term::Mass))
+        .chain(moments)
         .chain(base)
         .chain(harmonics)
         .collect()

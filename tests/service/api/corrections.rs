@@ -109,8 +109,13 @@ async fn corrections_come_with_their_evidence_and_stand_apart_from_the_links() {
         .await;
     let tried = report["corrections"].as_array().unwrap();
     let kinds: Vec<&str> = tried.iter().map(|c| text(&c["kind"])).collect();
-    let physical = ["compliance", "joint_coupling", "joint_harmonics"];
-    assert_eq!(kinds[..3], physical, "{kinds:?}");
+    let physical = [
+        "compliance",
+        "joint_coupling",
+        "link_masses",
+        "joint_harmonics",
+    ];
+    assert_eq!(kinds[..4], physical, "{kinds:?}");
     for c in tried {
         let (gain, error) = (number(&c["gain_mm2"]), number(&c["standard_error_mm2"]));
         assert_eq!(c["kept"], gain > 2.0 * error, "{c}");

@@ -19,9 +19,9 @@ const STANDARD_ERRORS: f64 = 2.0;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = CorrectionReport)]
 pub struct Evidence {
-    /// `compliance` (joints and base deflect under gravity), `joint_coupling`, `joint_harmonics` or `residual_network`. They are tried in this order,
-    /// each in addition to those that were kept before. Reports of earlier versions also have `stiffness_2_3`,
-    /// `stiffness_all`, `base_compliance`, `link_masses`, `link_centres` and `all_together`.
+    /// `compliance` (joints and base deflect under gravity), `joint_coupling`, `link_masses` (masses and centres of gravity), `joint_harmonics` or
+    /// `residual_network`. They are tried in this order, each in addition to those that were kept before. Reports of earlier versions also have
+    /// `stiffness_2_3`, `stiffness_all`, `base_compliance`, `link_centres` and `all_together`.
     pub kind: String,
     /// True if the correction is used. This requires that the gain exceeds twice its standard error, and that the errors on the verify points do
     /// not increase. The errors below are of fits with the usual prior widths; the delivered fit takes its widths from the points.

@@ -108,6 +108,11 @@ pub fn select(
     let mut tried = Vec::new();
     for (kind, more) in kinds(setting.links.reference.links.len()) {
         let at = best.fitted();
+        // Masses are seen only through a compliance.
+        let is_compliant = |term: &Term| matches!(term, Term::Joint(..) | Term::Base(_));
+        if kind == LINK_MASSES && !at.terms.iter().any(is_compliant) {
+            continue;
+        }
         let terms = [at.terms.clone(), more].concat();
         let candidate = setting.fit(&at, &terms, usual, go_on);
         if !go_on() {
@@ -169,11 +174,15 @@ pub fn refit(
 
 /// Joints and base deflect under gravity.
 pub const COMPLIANCE: &str = "compliance";
+/// Masses and centres of gravity of the links.
+const LINK_MASSES: &str = "link_masses";
 
 /// The corrections of an arm of `n` links, in the order in which they are tried, with the terms that each adds.
-fn kinds(n: usize) -> [(&'static str, Vec<Term>); 3] {
+fn kinds(n: usize) -> [(&'static str, Vec<Term>); 4] {
     let joints = (0..n).flat_map(|joint| (0..3).map(move |axis| Term::Joint(joint, axis)));
     let couplings = (0..n).flat_map(|joint| (0..n).map(move |other| Term::Coupling(joint, other)));
+    // The weight of the first link is carried by the base.
+    let moments = (1..n).flat_map(|link| (0..3).map(move |axis| Term::FirstMoment(link, axis)));
     let harmonic = |joint| {
         (0..HARMONIC_ORDERS)
             .flat_map(move |order| (0..2).map(move |phase| Term::Harmonic(joint, order, phase)))
@@ -184,6 +193,7 @@ fn kinds(n: usize) -> [(&'static str, Vec<Term>); 3] {
     [
         (COMPLIANCE, of_gravity.collect()),
         ("joint_coupling", couplings.collect()),
+        (LINK_MASSES, (1..n).map(Term::Mass).chain(moments).collect()),
         ("joint_harmonics", (0..n).flat_map(harmonic).collect()),
     ]
 }

@@ -59,12 +59,16 @@ pub enum Kind {
     BaseCompliance,
     /// Coupling of joints.
     Coupling,
+    /// Masses of links.
+    Mass,
+    /// First moments of links.
+    FirstMoment,
     /// Harmonics of joints.
     Harmonic,
 }
 
 /// All kinds, in the order of [`Evidence::prior_growth`](crate::identification::least_squares::evidence::Evidence::prior_growth).
-pub const KINDS: [Kind; 10] = [
+pub const KINDS: [Kind; 12] = [
     Kind::Length,
     Kind::Angle,
     Kind::Offset,
@@ -74,6 +78,8 @@ pub const KINDS: [Kind; 10] = [
     Kind::BearingCompliance,
     Kind::BaseCompliance,
     Kind::Coupling,
+    Kind::Mass,
+    Kind::FirstMoment,
     Kind::Harmonic,
 ];
 
@@ -179,6 +185,8 @@ pub fn correction_variable(
         Term::Joint(..) => Some(Kind::BearingCompliance),
         Term::Base(_) => Some(Kind::BaseCompliance),
         Term::Coupling(..) => Some(Kind::Coupling),
+        Term::Mass(_) => Some(Kind::Mass),
+        Term::FirstMoment(..) => Some(Kind::FirstMoment),
         Term::Harmonic(..) => Some(Kind::Harmonic),
         // The mounting states how well its direction is known.
         Term::Gravity(_) => None,

@@ -125,6 +125,14 @@ impl<'a> CorrectedPose<'a> {
                 let moment = self.first_base.cross(g)[axis];
                 self.by_base_turn.by(&Vector3::ith(axis, moment))
             }
+            Term::Mass(link) => {
+                let origin = self.chain[link].translation.vector;
+                self.bent(link + 1, |from| (origin - from) / 1e3, g)
+            }
+            Term::FirstMoment(link, axis) => {
+                let along: Vector3<f64> = self.chain[link].rotation.matrix().column(axis).into();
+                self.bent(link + 1, |_| along, g)
+            }
             Term::Gravity(axis) => {
                 let across = across_gravity(mounting)[axis];
                 // The gravity direction is normalised to a unit vector.
@@ -138,6 +146,20 @@ impl<'a> CorrectedPose<'a> {
                 turned_joint(joint, size)
             }
         }
+    }
+
+    /// Effect of a first moment that loads the first `n_joints` joints and the base. `about` returns it about each frame's origin (mm).
+    fn bent(
+        &self,
+        n_joints: usize,
+        about: impl Fn(&Vector3<f64>) -> Vector3<f64>,
+        g: &Vector3<f64>,
+    ) -> Moved {
+        let joints: Vec<Vector3<f64>> = self.chain[..n_joints]
+            .iter()
+            .map(|frame| about(&frame.translation.vector))
+            .collect();
+        self.turned_by(&about(&Vector3::zeros()), &joints, g)
     }
 
     /// Effect of a change of the moments by `first` × `g`.

@@ -10,6 +10,10 @@ pub enum Term {
     Joint(usize, usize),
     /// Compliance of the base about an axis of its frame, rad per unit moment.
     Base(usize),
+    /// Mass of a link beyond [`usual_masses`](crate::kinematics::corrections::usual_masses).
+    Mass(usize),
+    /// First moment of a link along an axis of its frame, mass × metres.
+    FirstMoment(usize, usize),
     /// Tilt of gravity against the mounting's direction, along one of two axes across it, rad.
     Gravity(usize),
     /// Coupling: the angle by which the first joint turns per angle of the second, rad/rad. For the same joint, the error of its gear ratio.
@@ -25,6 +29,11 @@ const PRIOR_JOINT_RAD: f64 = 1.7e-3;
 const PRIOR_ACROSS_RAD: f64 = 0.85e-3;
 /// The same for the base.
 const PRIOR_BASE_RAD: f64 = 0.51e-3;
+/// Prior of a link's mass beyond its usual mass, one standard deviation.
+const PRIOR_MASS: f64 = 0.2;
+/// Prior of a link's first moment, as a share of the reach: a mass of `PRIOR_MASS` at a quarter of a metre from its frame's origin, on an arm of 1.7
+/// m.
+const PRIOR_FIRST_MOMENT: f64 = 0.05 / 1.7;
 /// Prior of a coupling, rad/rad: 0.3 mrad, or 0.017°, per radian.
 const PRIOR_COUPLING: f64 = 3e-4;
 /// Prior of a harmonic's amplitude, rad (0.01°): the usual eccentricity of gears and encoders.
@@ -40,6 +49,8 @@ impl Term {
             Self::Base(_) => PRIOR_BASE_RAD / reach_m,
             // A direction that is stated as exact may change only by rounding.
             Self::Gravity(_) => mounting.std_rad.max(1e-9),
+            Self::Mass(_) => PRIOR_MASS,
+            Self::FirstMoment(..) => PRIOR_FIRST_MOMENT * reach_m,
             Self::Coupling(..) => PRIOR_COUPLING,
             Self::Harmonic(..) => PRIOR_HARMONIC_RAD,
         }
@@ -68,6 +79,8 @@ pub fn corrections_at(
         match *term {
             Term::Joint(joint, axis) => compliance.joints_rad[joint][axis] += value,
             Term::Base(axis) => compliance.base_rad[axis] += value,
+            Term::Mass(link) => compliance.masses[link] += value,
+            Term::FirstMoment(link, axis) => compliance.first_moments_m[link][axis] += value,
             Term::Gravity(axis) => gravity += axes[axis] * *value,
             Term::Coupling(joint, followed) => {
                 corrections.joint_coupling[joint][followed] += value;
