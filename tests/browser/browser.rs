@@ -256,6 +256,21 @@ impl Browser {
         .await;
     }
 
+    /// Waits until a download whose name ends like this is complete, and returns its path.
+    pub async fn downloaded(&self, folder: &Path, ending: &str) -> PathBuf {
+        let deadline = Instant::now() + PATIENCE;
+        loop {
+            let files = std::fs::read_dir(folder).into_iter().flatten();
+            let mut paths = files.map(|file| file.unwrap().path());
+            let is_it = |path: &PathBuf| path.to_string_lossy().ends_with(ending);
+            if let Some(path) = paths.find(is_it) {
+                return path;
+            }
+            assert!(Instant::now() < deadline, "{ending} was not downloaded");
+            tokio::time::sleep(Duration::from_millis(40)).await;
+        }
+    }
+
     /// Waits until a download is complete: Chromium gives the file its name at the end.
     pub async fn until_there_is(&self, file: &Path) {
         let deadline = Instant::now() + PATIENCE;

@@ -328,8 +328,9 @@ fn what_the_service_says_stands_on_the_pages() {
                 .click()
                 .await
                 .unwrap();
-            let file = folder.join(format!("{newest_set}.{format}"));
-            browser.until_there_is(&file).await;
+            // after the robot's name and the measuring date
+            let ending = format!("_{newest_set}.{format}");
+            let file = browser.downloaded(&folder, &ending).await;
             let served = in_place(|| {
                 hall.server.text(&format!(
                     "/v1/parameter-sets/{newest_set}/export?format={format}"
