@@ -185,7 +185,7 @@ pub fn parameters(report: &Report) -> Markup {
     }
     let groups = &report.identifiability.unidentifiable;
     html! {
-        section.parameters {
+        section {
             h2 { "Parameters" }
             table {
                 thead { tr { th { "parameter" } th { "unit" } th.n { "nominal" } th.n { "identified" } th.n { "change" } th.n { "± std" } th.n { "95 % interval" } } }

@@ -310,12 +310,12 @@ audited!(JobWithClient, job.id, |row| {
     ]
 });
 
-/// Stores a job as queued, unless `limit` jobs of its robot are waiting already. On PostgreSQL, clients that post at the same moment may exceed the
-/// limit by one job each. Everything that the job refers to must be committed already, because a worker reads it as soon as it has claimed the job.
+/// Stores a job as queued, unless `limit` jobs of its robot are waiting already. Everything that the job refers to must be committed already, because
+/// a worker reads it as soon as it has claimed the job.
 ///
 /// # Errors
-/// [`Conflict::QueueFull`], [`Conflict::RobotArchived`], [`Conflict::Archived`], [`super::Error::NotFound`] if something that the job refers to does not exist,
-/// [`super::Error::Database`].
+/// [`Conflict::QueueFull`], [`Conflict::RobotArchived`], [`Conflict::Archived`], [`super::Error::NotFound`] if something that the job refers to does not
+/// exist, [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<JobRow> {
     tx.require_disk_space()?;
     let (first_set_id, further_set_ids) = new.set_ids.split_first().ok_or(Error::NotFound)?;

@@ -67,8 +67,9 @@ pub async fn stuck_writers(store: &Store) -> Result<Option<StuckWriters>> {
     }))
 }
 
-/// Only this process writes to SQLite, so it is enough to look at its own writes. If no write is under way and the last one
-/// failed, or began and was not committed, a trial write shows whether writes succeed: that it can begin does not show that it can be committed. The trial takes at most [`TRIAL_TIMEOUT`].
+/// Only this process writes to SQLite, so it is enough to look at its own writes. If no write is under way and the last one failed, or began and was
+/// not committed, a trial write shows whether writes succeed: that it can begin does not show that it can be committed. The trial takes at most
+/// [`TRIAL_TIMEOUT`].
 async fn stuck_sqlite_writers(store: &Store) -> Option<StuckWriters> {
     let writes = &store.inner.writes;
     writes.stuck_for()?;

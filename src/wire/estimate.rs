@@ -50,23 +50,10 @@ pub struct StoredEstimate {
 /// Stored form of [`CorrectedErrors`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct StoredCorrectedErrors {
-    terms: Vec<StoredTerm>,
+    terms: Vec<Term>,
     gravity_in_base: [f64; 3],
     gravity_std_rad: f64,
     uncertainty: StoredUncertainty,
-}
-
-/// Stored form of [`Term`]: joints, links, axes and orders from 0.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-enum StoredTerm {
-    Joint(usize, usize),
-    Base(usize),
-    Mass(usize),
-    FirstMoment(usize, usize),
-    Gravity(usize),
-    Coupling(usize, usize),
-    Harmonic(usize, usize, usize),
 }
 
 /// Stored form of [`Uncertainty`].
@@ -242,7 +229,7 @@ fn named(names: &[String], all: &[Parameter]) -> Result<Vec<Parameter>, String> 
 impl From<&CorrectedErrors> for StoredCorrectedErrors {
     fn from(errors: &CorrectedErrors) -> Self {
         Self {
-            terms: errors.terms.iter().map(|term| (*term).into()).collect(),
+            terms: errors.terms.clone(),
             gravity_in_base: errors.mounting.gravity_in_base.into(),
             gravity_std_rad: errors.mounting.std_rad,
             uncertainty: StoredUncertainty::from(&errors.uncertainty),
@@ -253,12 +240,12 @@ impl From<&CorrectedErrors> for StoredCorrectedErrors {
 impl StoredCorrectedErrors {
     fn errors(&self, all: &[Parameter], model: &KinematicModel) -> Result<CorrectedErrors, String> {
         let uncertainty = self.uncertainty.uncertainty(all, model)?;
-        let has_links = |term: &StoredTerm| term.has_links(model.links.len());
-        if uncertainty.n_terms != self.terms.len() || !self.terms.iter().all(has_links) {
+        let is_known = |term: &Term| is_of_robot(term, model.links.len());
+        if uncertainty.n_terms != self.terms.len() || !self.terms.iter().all(is_known) {
             return Err("the corrections have other terms than their errors".into());
         }
         Ok(CorrectedErrors {
-            terms: self.terms.iter().map(|term| (*term).into()).collect(),
+            terms: self.terms.clone(),
             mounting: Mounting {
                 gravity_in_base: self.gravity_in_base.into(),
                 std_rad: self.gravity_std_rad,
@@ -268,45 +255,16 @@ impl StoredCorrectedErrors {
     }
 }
 
-impl StoredTerm {
-    fn has_links(&self, n_links: usize) -> bool {
-        match *self {
-            Self::Joint(link, axis) | Self::FirstMoment(link, axis) => link < n_links && axis < 3,
-            Self::Base(axis) => axis < 3,
-            Self::Mass(link) => link < n_links,
-            Self::Coupling(joint, other) => joint < n_links && other < n_links,
-            Self::Gravity(axis) => axis < 2,
-            Self::Harmonic(joint, order, phase) => {
-                joint < n_links && order < HARMONIC_ORDERS && phase < 2
-            }
-        }
-    }
-}
-
-impl From<Term> for StoredTerm {
-    fn from(term: Term) -> Self {
-        match term {
-            Term::Joint(joint, axis) => Self::Joint(joint, axis),
-            Term::Base(axis) => Self::Base(axis),
-            Term::Mass(link) => Self::Mass(link),
-            Term::FirstMoment(link, axis) => Self::FirstMoment(link, axis),
-            Term::Gravity(axis) => Self::Gravity(axis),
-            Term::Coupling(joint, other) => Self::Coupling(joint, other),
-            Term::Harmonic(joint, order, phase) => Self::Harmonic(joint, order, phase),
-        }
-    }
-}
-
-impl From<StoredTerm> for Term {
-    fn from(term: StoredTerm) -> Self {
-        match term {
-            StoredTerm::Joint(joint, axis) => Self::Joint(joint, axis),
-            StoredTerm::Base(axis) => Self::Base(axis),
-            StoredTerm::Mass(link) => Self::Mass(link),
-            StoredTerm::FirstMoment(link, axis) => Self::FirstMoment(link, axis),
-            StoredTerm::Gravity(axis) => Self::Gravity(axis),
-            StoredTerm::Coupling(joint, other) => Self::Coupling(joint, other),
-            StoredTerm::Harmonic(joint, order, phase) => Self::Harmonic(joint, order, phase),
+/// True if a robot of `n_links` links has the joints and links of a term.
+fn is_of_robot(term: &Term, n_links: usize) -> bool {
+    match *term {
+        Term::Joint(link, axis) | Term::FirstMoment(link, axis) => link < n_links && axis < 3,
+        Term::Base(axis) => axis < 3,
+        Term::Mass(link) => link < n_links,
+        Term::Coupling(joint, other) => joint < n_links && other < n_links,
+        Term::Gravity(axis) => axis < 2,
+        Term::Harmonic(joint, order, phase) => {
+            joint < n_links && order < HARMONIC_ORDERS && phase < 2
         }
     }
 }

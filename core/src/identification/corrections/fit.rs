@@ -5,15 +5,15 @@ use crate::identification::KinematicModel;
 use crate::identification::least_squares::estimate::{Ends, Estimate, estimate_from};
 use crate::identification::least_squares::evidence::Evidence;
 use crate::identification::least_squares::problem::{CorrectionWidths, Problem, Unknown};
-use crate::identification::model::correction_terms::{Term, corrections_at};
+use crate::identification::model::correction_terms::Term;
 use crate::identification::model::objective::Observation;
 use crate::kinematics::{Corrections, Mounting, Payload};
 use nalgebra::IsometryMatrix3;
 use std::borrow::Cow;
 use std::ops::ControlFlow;
 
-/// A step that gains less than a millionth of the sum of squares moves the fit by a small part of a standard deviation. The derivatives by links are approximate, so the last steps are
-/// short.
+/// A step that gains less than a millionth of the sum of squares moves the fit by a small part of a standard deviation. The derivatives by links are
+/// approximate, so the last steps are short.
 const ENDS: Ends = Ends {
     smallest_gain: 1e-6,
     ..Ends::AT_MINIMUM
@@ -64,6 +64,13 @@ impl Fitted {
         }
     }
 
+    /// Value of a term; 0 if it is not free.
+    pub fn value(&self, term: &Term) -> f64 {
+        let of_terms = self.terms.iter().zip(&self.values);
+        let mut found = of_terms.filter(|(free, _)| *free == term);
+        found.next().map_or(0.0, |(_, value)| *value)
+    }
+
     /// Noise and prior widths for a problem that has the first `n_parameters` variables and the terms of this fit, without stations.
     pub fn evidence_without_stations(&self, n_parameters: usize) -> Option<Evidence> {
         let evidence = self.evidence.clone()?;
@@ -83,15 +90,6 @@ pub(super) struct Fit<'a> {
 }
 
 impl<'a> Setting<'a> {
-    /// The corrections at a fit.
-    pub fn corrections(&self, fitted: &Fitted) -> Corrections {
-        let n_links = self.links.reference.links.len();
-        let mut corrections =
-            corrections_at(n_links, &self.mounting, &fitted.terms, &fitted.values);
-        corrections.compliance.payload = self.payload;
-        corrections
-    }
-
     /// The points in their placement at a fit.
     pub fn placed(&self, at: &Fitted) -> Cow<'a, [Observation]> {
         if self.stations.is_empty() {
@@ -115,11 +113,7 @@ impl<'a> Setting<'a> {
     ) -> Option<Fit<'a>> {
         let gravity = (self.mounting, self.payload);
         let problem = self.links.clone().with_corrections(gravity, terms, widths);
-        let value = |term: &Term| {
-            let at = start.terms.iter().position(|t| t == term);
-            at.map_or(0.0, |i| start.values[i])
-        };
-        let x = problem.coordinates_with(&start.model, value);
+        let x = problem.coordinates_with(&start.model, |term| start.value(term));
         let first = Evidence::first(&problem, start.variance.sqrt());
         let mut monitor = |_| match go_on() {
             true => ControlFlow::Continue(()),
@@ -132,6 +126,11 @@ impl<'a> Setting<'a> {
 }
 
 impl Fit<'_> {
+    /// The corrections, without a network.
+    pub(super) fn corrections(&self) -> Option<Corrections> {
+        self.problem.corrections(&self.estimate.x)
+    }
+
     /// The fit without its problem.
     pub(super) fn fitted(&self) -> Fitted {
         let (problem, estimate) = (&self.problem, &self.estimate);

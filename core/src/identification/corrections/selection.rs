@@ -134,15 +134,17 @@ pub fn select(
         n_configurations: error.errors.len(),
     };
     let at = best.fitted();
-    let delivered = setting.fit(&at, &at.terms, CorrectionWidths::ByEvidence, go_on)?;
-    let fitted = delivered.fitted();
-    let mut corrections = setting.corrections(&fitted);
+    let delivered = match at.terms.is_empty() {
+        true => best,
+        false => setting.fit(&at, &at.terms, CorrectionWidths::ByEvidence, go_on)?,
+    };
+    let mut corrections = delivered.corrections()?;
     if let Some(of_network) = choose_network(setting, &delivered, &folded, earlier, seed, go_on) {
         corrections.residual = of_network.network;
         tried.push(of_network.evidence);
     }
     Some(Selected {
-        fitted,
+        fitted: delivered.fitted(),
         corrections,
         evidence: tried,
     })
@@ -164,12 +166,11 @@ pub fn refit(
         CorrectionWidths::ByEvidence,
         go_on,
     )?;
-    let fitted = fit.fitted();
-    let mut corrections = setting.corrections(&fitted);
+    let mut corrections = fit.corrections()?;
     if has_network {
         corrections.residual = Some(train_network(setting, &fit, earlier, seed)?);
     }
-    Some((fitted, corrections))
+    Some((fit.fitted(), corrections))
 }
 
 /// Joints and base deflect under gravity.

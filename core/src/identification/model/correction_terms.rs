@@ -2,9 +2,12 @@
 
 use crate::kinematics::{Corrections, Mounting};
 use nalgebra::{Unit, Vector3};
+use serde::{Deserialize, Serialize};
 
-/// One term of the corrections. All terms are 0 for a robot without corrections.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// One term of the corrections. All terms are 0 for a robot without corrections. Joints, links, axes and orders count from 0, also in stored
+/// estimates.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Term {
     /// Compliance of a joint (0-based) about an axis of its frame, rad per unit moment.
     Joint(usize, usize),

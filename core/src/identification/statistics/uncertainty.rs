@@ -64,7 +64,7 @@ pub struct Uncertainty {
 pub fn uncertainty(session: Session<'_>) -> Option<Uncertainty> {
     let rows = Rows::new(&session);
     let columns = &rows.columns;
-    let x = rows.of_problem();
+    let x = &rows.of_problem;
     let of_fit = session
         .corrections
         .and_then(|fitted| fitted.evidence_without_stations(columns.n_parameters));

@@ -30,8 +30,8 @@ pub struct Session<'a> {
     pub configurations: &'a [usize],
     /// The instrument's station of each observation, from 0; `None` for the reference station, in whose frame the model is.
     pub stations: &'a [Option<usize>],
-    /// The fit of links and corrections, if the problem has corrections. Their terms are its last variables, and it has no stations. What a residual network corrects counts as
-    /// misfit and noise.
+    /// The fit of links and corrections, if the problem has corrections. Their terms are its last variables, and it has no stations. What a residual
+    /// network corrects counts as misfit and noise.
     pub corrections: Option<&'a Fitted>,
     /// The misfit of the links, or of links and corrections.
     pub misfit: Misfit,
@@ -104,8 +104,8 @@ pub(super) struct Rows<'a> {
     pub(super) session: &'a Session<'a>,
     pub(super) columns: Columns,
     pub(super) x: Vec<f64>,
-    /// The coordinates of the session's problem.
-    of_problem: Vec<f64>,
+    /// The identified robot's coordinates in the session's problem, which has no stations.
+    pub(super) of_problem: Vec<f64>,
     /// The points of each configuration; positions and rotations form configurations of their own.
     points_of: Vec<Vec<Point>>,
 }
@@ -170,11 +170,7 @@ impl<'a> Rows<'a> {
             n_higher,
             n_usual: n_features - misfit.followings.len() - n_higher,
         };
-        let value = |term: &_| {
-            let at = corrections.and_then(|fitted| fitted.terms.iter().position(|t| t == term));
-            at.zip(*corrections)
-                .map_or(0.0, |(at, fitted)| fitted.values[at])
-        };
+        let value = |term: &_| corrections.map_or(0.0, |fitted| fitted.value(term));
         let of_problem = problem.coordinates_with(model, value);
         let mut x = vec![0.0; columns.without_features()];
         let (of_parameters, of_terms) = of_problem.split_at(columns.n_parameters);
@@ -187,11 +183,6 @@ impl<'a> Rows<'a> {
             x,
             points_of,
         }
-    }
-
-    /// The identified robot's coordinates in the session's problem.
-    pub(super) fn of_problem(&self) -> &[f64] {
-        &self.of_problem
     }
 
     /// Number of all points.

@@ -34,8 +34,8 @@ pub(super) struct Solved {
 }
 
 impl Rows<'_> {
-    /// The posterior, with σm and σ. `priors` has the widths from the estimate. Joints that follow others are added one
-    /// by one as coordinates with a flat prior, the most significant first.
+    /// The posterior, with σm and σ. `priors` has the widths from the estimate. Joints that follow others are added one by one as coordinates with a
+    /// flat prior, the most significant first.
     pub(super) fn solve(&self, priors: &Evidence, ratio: f64) -> Solved {
         let triangle = self.triangle(ratio);
         let mut followings = vec![];
