@@ -7,10 +7,11 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use sqlx::{Any, AnyConnection, AnyPool, Transaction};
+use tokio::time::Instant;
 
 use super::audit_chain::{self, AuditNote};
 use super::sql::{self, values};
-use super::write_progress::{PendingWrite, WriteProgress};
+use super::stuck::Writes;
 use super::{AuditEvent, Engine, Error, Result};
 
 /// A handle on the database; clones share its connections.
@@ -26,8 +27,8 @@ pub(super) struct Inner {
     /// Connections that write, and so may wait for locks. SQLite allows one writer at a time, so its pool has one connection, for which writers
     /// queue.
     pub(super) writers: AnyPool,
-    /// Measures for how long no write of this process has succeeded.
-    pub(super) writes: Arc<WriteProgress>,
+    /// Whether the writes of this process succeed.
+    pub(super) writes: Writes,
     pub(super) engine: Engine,
     pub(super) data_dir: Option<PathBuf>,
     pub(super) is_served: bool,
@@ -42,8 +43,7 @@ pub struct Tx {
     actor: String,
     notes: Vec<AuditNote>,
     store: Store,
-    /// Counts this transaction as a write under way until it is dropped.
-    write: PendingWrite,
+    begun: Instant,
 }
 
 /// Disk space kept free: twice the size of the largest upload, because an upload is written to the WAL and to the database.
@@ -69,15 +69,15 @@ impl Store {
     /// Begins a transaction that may write.
     pub async fn begin(&self) -> Result<Tx> {
         self.require_data_dir()?;
-        let mut write = PendingWrite::begin(&self.inner.writes);
-        let begun = self.begin_write_transaction().await;
-        write.begun(&begun);
+        let begun = Instant::now();
+        self.inner.writes.requested();
+        let transaction = self.begin_write_transaction().await;
         Ok(Tx {
-            transaction: begun?,
+            transaction: transaction.inspect_err(|_| self.inner.writes.failed(begun))?,
             actor: DEFAULT_ACTOR.into(),
             notes: Vec::new(),
             store: self.clone(),
-            write,
+            begun,
         })
     }
 
@@ -129,7 +129,7 @@ impl Store {
         &self.inner.readers
     }
 
-    /// The connections that write. Writes on them bypass the audit chain and the write statistics of [`Store::begin`].
+    /// The connections that write. Writes on them bypass the audit chain, and `/readyz` does not see them.
     pub(super) fn writers(&self) -> &AnyPool {
         &self.inner.writers
     }
@@ -168,8 +168,8 @@ impl Tx {
             mut transaction,
             actor,
             notes,
-            mut write,
-            ..
+            store,
+            begun,
         } = self;
         let committed = async {
             if !notes.is_empty() {
@@ -178,20 +178,15 @@ impl Tx {
             Ok(transaction.commit().await?)
         };
         let committed = committed.await;
-        write.ended(&committed);
+        match &committed {
+            Ok(()) => store.inner.writes.committed(),
+            Err(_) => store.inner.writes.failed(begun),
+        }
         committed
     }
 
-    /// Rolls this transaction back, because it has nothing to write, and waits for the rollback.
-    pub async fn rollback(mut self) -> Result<()> {
-        let done = self.transaction.rollback().await.map_err(Error::from);
-        self.write.ended(&done);
-        done
-    }
-
-    /// Rolls this transaction back after an error, and waits for the rollback. Dropping it does not wait. Whether the database can write stays
-    /// open.
-    pub async fn give_up(self) -> Result<()> {
+    /// Rolls this transaction back and waits for the rollback. Dropping it does not wait.
+    pub async fn rollback(self) -> Result<()> {
         Ok(self.transaction.rollback().await?)
     }
 

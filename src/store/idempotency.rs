@@ -117,7 +117,7 @@ impl Store {
                 Ok(IdempotentOutcome::Fresh(response))
             }
             Err(error) => {
-                tx.give_up().await?;
+                tx.rollback().await?;
                 Err(error)
             }
         }

@@ -18,7 +18,6 @@ mod error;
 mod migration;
 mod open;
 pub mod stuck;
-mod write_progress;
 
 // Rows, lists and identifiers of every table.
 mod from_row;

@@ -14,6 +14,7 @@ use tokio::time::sleep;
 
 use super::database::{DATABASE, Inner, LOCK, WRITER_TIMEOUT};
 use super::migration::migrate;
+use super::stuck::Writes;
 use super::{Engine, Error, Result, Store, leases};
 
 /// Where the database is.
@@ -161,7 +162,7 @@ async fn connect_postgres(url: &str) -> Result<Store> {
     let inner = Inner {
         readers: connect(readers, url, POSTGRES_SETTINGS).await?,
         writers: connect(writers, url, POSTGRES_SETTINGS).await?,
-        writes: Arc::default(),
+        writes: Writes::default(),
         engine: Engine::Postgres,
         data_dir: None,
         is_served: true,
@@ -235,7 +236,7 @@ async fn connect_sqlite(
     let inner = Inner {
         readers,
         writers: connect(writer, &url, SQLITE_PRAGMAS).await?,
-        writes: Arc::default(),
+        writes: Writes::default(),
         engine: Engine::Sqlite,
         data_dir: Some(data_dir.to_owned()),
         is_served,

@@ -1,8 +1,9 @@
 //! Finds out for how long writers have been blocked.
 
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use tokio::time::timeout;
+use tokio::time::{Instant, timeout};
 
 use super::sql::{self, values};
 use super::{Engine, Result, Store};
@@ -28,11 +29,10 @@ const LOCK_HOLDER: &str = "
             where waiting.datname = current_database() and waiting.wait_event_type = 'Lock')
     order by holder.state_change limit 1";
 
-// Writes the head of the database's file as it is: nothing else uses this number. The commit shows whether the disk takes writes; an update that
-// changes no value writes nothing to the disk.
+// Writes the header of the database's file with the same value. Unlike an update that changes nothing, this reaches the disk.
 const TRIAL_WRITE: &str = "pragma user_version = 0";
 
-/// Longest wait for the trial transaction. Where the lock is free and the disk works, it needs less time.
+/// Longest wait for the trial. Where the lock is free and the disk works, it needs less time.
 const TRIAL_TIMEOUT: Duration = Duration::from_millis(200);
 
 /// Blocked writers.
@@ -67,24 +67,139 @@ pub async fn stuck_writers(store: &Store) -> Result<Option<StuckWriters>> {
     }))
 }
 
-/// Only this process writes to SQLite, so it is enough to look at its own writes. If no write is under way and the last one failed, or began and was
-/// not committed, a trial write shows whether writes succeed: that it can begin does not show that it can be committed. The trial takes at most
-/// [`TRIAL_TIMEOUT`].
+/// What this process knows of its own writes. Used on SQLite, to which no other process writes.
+#[derive(Debug, Default)]
+pub(super) struct Writes(Mutex<State>);
+
+#[derive(Debug, Default)]
+struct State {
+    /// Whether a write was requested after the last commit. Without a commit it does not show that writes succeed: its request may have been
+    /// refused, or it had nothing to write.
+    is_unproven: bool,
+    /// Start of the first write that failed after the last commit.
+    failing_since: Option<Instant>,
+    /// Start of the trial write that runs now.
+    trial_since: Option<Instant>,
+}
+
+impl Writes {
+    pub(super) fn requested(&self) {
+        self.state().is_unproven = true;
+    }
+
+    pub(super) fn committed(&self) {
+        let mut state = self.state();
+        state.is_unproven = false;
+        state.failing_since = None;
+    }
+
+    /// Records a write that did not get its transaction, or whose commit failed.
+    pub(super) fn failed(&self, begun: Instant) {
+        self.state().failing_since.get_or_insert(begun);
+    }
+
+    /// Whether a trial is needed and none runs. The caller starts it.
+    fn take_trial(&self) -> bool {
+        let mut state = self.state();
+        let is_needed = state.is_unproven || state.failing_since.is_some();
+        let is_mine = is_needed && state.trial_since.is_none();
+        if is_mine {
+            state.trial_since = Some(Instant::now());
+        }
+        is_mine
+    }
+
+    fn trial_ended(&self) {
+        self.state().trial_since = None;
+    }
+
+    fn stuck_for(&self) -> Option<Duration> {
+        let state = self.state();
+        let starts = [state.failing_since, state.trial_since];
+        starts
+            .into_iter()
+            .flatten()
+            .map(|start| start.elapsed())
+            .max()
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// If nothing was committed after the last write that was requested, a trial write shows whether writes succeed. The caller waits at most
+/// [`TRIAL_TIMEOUT`] for it; a trial that takes longer goes on, and no second one begins beside it.
 async fn stuck_sqlite_writers(store: &Store) -> Option<StuckWriters> {
     let writes = &store.inner.writes;
-    writes.stuck_for()?;
-    if !writes.is_any_under_way() {
+    if writes.take_trial() {
         let store = store.clone();
         let trial = tokio::spawn(async move {
-            let mut tx = store.begin().await?;
-            sql::execute(tx.connection(), TRIAL_WRITE, values![]).await?;
-            tx.commit().await
+            let begun = Instant::now();
+            if write_trial(&store).await.is_err() {
+                store.inner.writes.failed(begun);
+            }
+            store.inner.writes.trial_ended();
         });
-        // The trial records its result in `writes`.
         let _ = timeout(TRIAL_TIMEOUT, trial).await;
     }
     writes.stuck_for().map(|duration| StuckWriters {
         duration,
         reason: "another program locks the database, or its disk has an error",
     })
+}
+
+async fn write_trial(store: &Store) -> Result<()> {
+    let mut tx = store.begin().await?;
+    sql::execute(tx.connection(), TRIAL_WRITE, values![]).await?;
+    tx.commit().await
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Writes, stuck_writers};
+    use crate::store::{Store, StoreLocation};
+    use sqlx::Executor;
+    use tokio::time::Instant;
+
+    #[test]
+    fn only_a_commit_shows_that_writes_succeed() {
+        let writes = Writes::default();
+        assert!(!writes.take_trial(), "nobody has written");
+        writes.requested();
+        assert_eq!(
+            writes.stuck_for(),
+            None,
+            "the request may have been refused"
+        );
+        assert!(writes.take_trial() && !writes.take_trial(), "one at a time");
+        assert!(writes.stuck_for().is_some(), "the trial runs");
+        writes.failed(Instant::now());
+        writes.trial_ended();
+        // A transaction that had nothing to write, or was refused.
+        writes.requested();
+        assert!(writes.stuck_for().is_some() && writes.take_trial());
+        writes.trial_ended();
+        writes.committed();
+        assert!(writes.stuck_for().is_none() && !writes.take_trial());
+    }
+
+    #[tokio::test]
+    async fn writers_are_stuck_until_a_trial_is_committed() {
+        let dir = tempfile::tempdir().unwrap();
+        let data_dir = dir.path().to_owned();
+        let store = Store::open(StoreLocation::Sqlite { data_dir })
+            .await
+            .unwrap();
+        assert_eq!(stuck_writers(&store).await.unwrap(), None);
+        let mut writers = store.writers();
+        writers.execute("pragma query_only = on").await.unwrap();
+        assert!(store.begin().await.is_err());
+        let first = stuck_writers(&store).await.unwrap().unwrap();
+        let second = stuck_writers(&store).await.unwrap().unwrap();
+        assert!(second.duration > first.duration);
+        writers.execute("pragma query_only = off").await.unwrap();
+        assert_eq!(stuck_writers(&store).await.unwrap(), None);
+        store.close().await;
+    }
 }
