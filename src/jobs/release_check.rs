@@ -157,12 +157,12 @@ pub async fn check(
     }
     let n_withdrawn = withdrawals::count(store, &row.robot_id).await?;
     let held_withdrawn = withdrawals::held(store, &job.id).await?;
-    // A set that was released before is not compared, because a rollback may return to a set with the same values.
-    let withdrawn = match row.status {
-        ParameterSetStatus::Candidate => {
+    // A rollback may return to a set with the values of a withdrawn one.
+    let withdrawn = match request.purpose {
+        Purpose::Release { .. } => {
             withdrawals::of_robot(store, &row.robot_id, MAX_WITHDRAWN).await?
         }
-        _ => Vec::new(),
+        Purpose::Rollback => Vec::new(),
     };
     if let Some(frames_id) = &job.frames_id {
         uploaders.push(audit::actor(store, frames_id, AuditEvent::FramesCreated).await?);

@@ -53,6 +53,7 @@ impl RobotRow {
     /// The part of the row that a release depends on, see [`super::CheckedState`].
     pub fn check(&self) -> RobotCheck {
         RobotCheck {
+            version: self.version,
             job_id: self.check_job_id.clone(),
             misfit_seq: self.misfit_seq,
             checked_seq: self.checked_seq,
@@ -64,6 +65,7 @@ impl RobotRow {
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 #[allow(missing_docs)] // as in the row
 pub struct RobotCheck {
+    pub version: i64,
     pub job_id: Option<String>,
     pub misfit_seq: i64,
     pub checked_seq: i64,

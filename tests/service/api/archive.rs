@@ -6,7 +6,7 @@ use crate::fixtures::{a_candidate, a_robot, a_set, in_transaction, new_job, new_
 use crate::process::run_beside;
 use kincal::store::verify::{Options, verify};
 use kincal::store::{
-    Archivable, CheckedState, Conflict, Error, Release, Store, archive, audit, jobs,
+    Archivable, CheckedState, Conflict, Error, Release, RobotCheck, Store, archive, audit, jobs,
     measurement_sets, parameter_sets,
 };
 use kincal::wire::report_shape::Evidence;
@@ -319,7 +319,13 @@ async fn archived(store: &Store, kind: Archivable, id: &str, robot_id: &str) -> 
 fn release(id: &str) -> Release {
     Release {
         id: id.into(),
-        checked: CheckedState::default(),
+        checked: CheckedState {
+            robot: RobotCheck {
+                version: 1,
+                ..RobotCheck::default()
+            },
+            ..CheckedState::default()
+        },
         reason: "it fits".into(),
         checks_json: r#"[{"gate":"x","passed":true}]"#.into(),
         n_passed: 1,

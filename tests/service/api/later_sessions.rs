@@ -204,6 +204,25 @@ async fn a_withdrawn_set_does_not_return_with_another_seed() {
 }
 
 #[tokio::test]
+async fn a_withdrawn_set_does_not_return_as_a_set_that_was_active_before_it() {
+    let app = TestApp::with_workers(1).await;
+    let robot = app.paper_robot().await;
+    let own = app.upload(&robot, "first_noisy.csv").await;
+    let mut ids = Vec::new();
+    for seed in [1, 2] {
+        let request = json!({"measurement_set_id": own, "method": "pso", "seed": seed});
+        let job = app.run(&robot, &request).await;
+        ids.push(job["parameter_set_id"].clone());
+        release(&app, &ids[ids.len() - 1]).await;
+    }
+    assert!(!fails(&app, &ids[0], "source_withdrawn").await);
+    let path = format!("/v1/parameter-sets/{}/withdraw", text(&ids[1]));
+    let reason = json!({"reason": "it drilled the fixture"});
+    app.post_json(&path, &reason).await.ok(200);
+    assert!(fails(&app, &ids[0], "source_withdrawn").await);
+}
+
+#[tokio::test]
 async fn a_withdrawn_set_does_not_return_with_other_options_or_by_the_sessions_that_it_passed() {
     let app = TestApp::with_workers(1).await;
     let robot = app.paper_robot().await;

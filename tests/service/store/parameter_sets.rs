@@ -2,11 +2,12 @@
 
 use kincal::jobs::queue;
 use kincal::release::facts::UNUSABLE_FIT;
+use kincal::store::robot_versions::{self, RobotEdit};
 use kincal::store::{
     CheckedState, Conflict, Engine, Error, JobResult, MeasurementSetRow, NewJob, NewMeasurementSet,
-    NewParameterSet, ParameterSetRow, ParameterSetStatus, PolicyRow, Release, Result, Store,
-    job_sources, jobs, leases, measurement_sets, parameter_sets, policies, robots, verifications,
-    withdrawals,
+    NewParameterSet, ParameterSetRow, ParameterSetStatus, PolicyRow, Release, Result, RobotCheck,
+    Store, job_sources, jobs, leases, measurement_sets, parameter_sets, policies, robots,
+    verifications, withdrawals,
 };
 use kincal::wire::canonical;
 use kincal::wire::policy::{DecisionRule, PolicyBody};
@@ -31,6 +32,10 @@ async fn release(
         id: set.id.clone(),
         checked: CheckedState {
             active: active.map(|active| active.id.clone()),
+            robot: RobotCheck {
+                version: 1,
+                ..RobotCheck::default()
+            },
             n_withdrawn: withdrawals::count(store, &set.robot_id).await?,
             ..CheckedState::default()
         },
@@ -974,6 +979,10 @@ fn a_rollback_follows_what_a_release_superseded_and_no_clock() {
                 id: back_to.id.clone(),
                 checked: CheckedState {
                     active: active.map(|active| active.id),
+                    robot: RobotCheck {
+                        version: 1,
+                        ..RobotCheck::default()
+                    },
                     n_withdrawn: withdrawals::count(store, &set.robot_id).await.unwrap(),
                     ..CheckedState::default()
                 },
@@ -1015,6 +1024,31 @@ fn a_release_is_refused_when_the_policy_changed_since_its_checks() {
         assert_eq!(
             status(store, &candidate).await,
             ParameterSetStatus::Candidate
+        );
+    });
+}
+
+#[test]
+fn a_release_is_refused_when_the_robot_was_edited_since_its_checks() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        let robot = a_robot(store, "r").await;
+        let candidate = a_candidate(store, &a_set(store, &robot).await).await;
+        let edit = RobotEdit {
+            edited_version: 1,
+            name: "r".into(),
+            body_json: "{}".into(),
+            changes_joint_map: false,
+            changed: vec!["serial_number"],
+        };
+        in_transaction(store, async |tx| {
+            robot_versions::edit(tx, &robot.id, &edit, "key_1").await
+        })
+        .await;
+        let refused = release(store, &candidate, None).await;
+        assert!(
+            matches!(refused, Err(Error::Conflict(Conflict::ChecksOutdated))),
+            "{refused:?}"
         );
     });
 }

@@ -4,8 +4,8 @@ use kincal::store::named_documents::{self, NamedDocumentKind, NewNamedDocument};
 use kincal::store::verify::{Options, verify};
 use kincal::store::{
     CheckedState, Engine, JobResult, Lease, MeasurementSetRow, NewApiKey, NewFrames, NewNetwork,
-    NewParameterSet, ParameterSetRow, Release, Result, Store, Tx, api_keys, frames, leases,
-    networks, parameter_sets, policies, verifications,
+    NewParameterSet, ParameterSetRow, Release, Result, RobotCheck, Store, Tx, api_keys, frames,
+    leases, networks, parameter_sets, policies, verifications,
 };
 use kincal::wire::canonical::sha256_hex;
 use kincal::wire::job::{Model, Preset};
@@ -106,6 +106,10 @@ async fn insert_history(store: &Store, set: &MeasurementSetRow) {
             id: id.clone(),
             checked: CheckedState {
                 active: active.replace(id),
+                robot: RobotCheck {
+                    version: 1,
+                    ..RobotCheck::default()
+                },
                 n_verifications,
                 ..CheckedState::default()
             },
