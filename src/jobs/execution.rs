@@ -25,8 +25,12 @@ use crate::wire::verification::Verification;
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-/// Prefix of the stages that compute the report's comparison of methods. Their time is not part of the job's duration.
-const COMPARISON: &str = "compare_";
+/// The stages that compute the report's comparison of methods. Their time is not part of the job's duration.
+const METHOD_COMPARISONS: [Stage; 3] = [
+    Stage::CompareLeastSquares,
+    Stage::ComparePso,
+    Stage::CompareWarmStart,
+];
 
 /// Computes one job.
 ///
@@ -373,15 +377,10 @@ impl StageClock {
             .sum()
     }
 
-    /// Duration without the stages of the comparison.
+    /// Duration without the comparison of methods.
     fn duration_ms(&self) -> f64 {
-        let compared: f64 = self
-            .ended_ms
-            .iter()
-            .filter(|(stage, _)| stage.starts_with(COMPARISON))
-            .map(|(_, ms)| ms)
-            .sum();
-        self.whole_ms - compared
+        let compared = METHOD_COMPARISONS.map(|stage| self.stage_ms(stage.as_str()));
+        self.whole_ms - compared.iter().sum::<f64>()
     }
 }
 

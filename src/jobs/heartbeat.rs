@@ -60,10 +60,20 @@ impl Control {
         self.stop_requested.notify_one();
     }
 
-    /// Resolves when the job was cancelled. Only one task may wait, because `notify_one` wakes only one.
-    pub(super) async fn cancelled(&self) {
-        while self.stop_reason() != Some(StopReason::Cancelled) {
+    /// Resolves when the attempt was asked to stop. Only one task may wait, because `notify_one` wakes only one.
+    pub(super) async fn stopped(&self) -> StopReason {
+        loop {
+            if let Some(reason) = self.stop_reason() {
+                return reason;
+            }
             self.stop_requested.notified().await;
+        }
+    }
+
+    /// Resolves when the job was cancelled; never if the attempt was asked to stop for another reason.
+    pub(super) async fn cancelled(&self) {
+        if self.stopped().await != StopReason::Cancelled {
+            std::future::pending().await
         }
     }
 

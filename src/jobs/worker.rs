@@ -193,7 +193,7 @@ impl Attempt<'_> {
     }
 
     /// Reads the job's inputs, with retries for the duration of a lease. If the database stays unavailable, the job goes back to the queue and the
-    /// attempt does not count.
+    /// attempt does not count. A request to stop is heard while the inputs are read.
     async fn inputs(
         &self,
         job: &JobRow,
@@ -205,7 +205,21 @@ impl Attempt<'_> {
                 let inputs = JobInputs::load_for(self.store, job.clone()).await?;
                 inputs.with_known_uploads(self.store).await
             };
-            let error = match loaded.await {
+            let loaded = tokio::select! {
+                biased;
+                reason = self.control().stopped() => {
+                    return Err(match reason {
+                        // The attempt does not count. If another worker has the job, the fencing condition refuses this write.
+                        StopReason::LeaseLost => AttemptEnd::HandedBack,
+                        reason => self.end_of_stopped(reason),
+                    });
+                }
+                loaded = loaded => loaded,
+                () = tokio::time::sleep(self.context.max_duration) => {
+                    return Err(self.end_of_stopped(StopReason::TooLong));
+                }
+            };
+            let error = match loaded {
                 Ok(inputs) => return Ok(inputs),
                 Err(error) => error,
             };
@@ -213,11 +227,9 @@ impl Attempt<'_> {
                 tracing::error!(job_id = job.id, error = %error.cause(), "the job's inputs cannot be read");
                 return Err(AttemptEnd::GaveUp);
             }
-            match self.control().stop_reason() {
-                Some(StopReason::Cancelled) => return Err(AttemptEnd::Cancelled),
-                None if Instant::now() < until => {}
+            if Instant::now() >= until {
                 // If the lease has expired meanwhile, the fencing condition refuses this write.
-                _ => return Err(AttemptEnd::HandedBack),
+                return Err(AttemptEnd::HandedBack);
             }
             tracing::warn!(job_id = job.id, error = %error.cause(), "the job's inputs could not be read; trying again");
             if timeout(
@@ -270,22 +282,29 @@ impl Attempt<'_> {
             Ok(Ok(outcome)) => AttemptEnd::Finished(Box::new(outcome)),
             Ok(Err(JobFailure::Failed(problem))) => AttemptEnd::Failed(problem),
             Ok(Err(JobFailure::Cancelled)) => match self.control().stop_reason() {
-                Some(StopReason::Cancelled) => AttemptEnd::Cancelled,
-                Some(StopReason::ShuttingDown) => AttemptEnd::HandedBack,
-                Some(StopReason::LeaseLost) => AttemptEnd::LeaseLost,
-                Some(StopReason::TooLong) => {
-                    tracing::error!(
-                        job_id,
-                        "a computation was stopped: it exceeded the longest duration of an attempt"
-                    );
-                    AttemptEnd::GaveUp
-                }
+                Some(reason) => self.end_of_stopped(reason),
                 None => {
                     AttemptEnd::Failed(internal(job_id, "it stopped although nobody requested it"))
                 }
             },
             Err(error) => {
                 log_panic(job_id, error);
+                AttemptEnd::GaveUp
+            }
+        }
+    }
+
+    /// The end of an attempt that was asked to stop.
+    fn end_of_stopped(&self, reason: StopReason) -> AttemptEnd {
+        match reason {
+            StopReason::Cancelled => AttemptEnd::Cancelled,
+            StopReason::ShuttingDown => AttemptEnd::HandedBack,
+            StopReason::LeaseLost => AttemptEnd::LeaseLost,
+            StopReason::TooLong => {
+                tracing::error!(
+                    job_id = self.lease.job_id,
+                    "the attempt was stopped: it exceeded the longest duration of an attempt"
+                );
                 AttemptEnd::GaveUp
             }
         }
@@ -303,7 +322,7 @@ impl Attempt<'_> {
                         job_id = lease.job_id,
                         owner = lease.owner,
                         attempt = lease.attempt,
-                        "the lease was lost; nothing was written"
+                        "the lease was lost; this attempt writes nothing more"
                     );
                     break;
                 }
