@@ -121,7 +121,7 @@ pub struct QueueConfig {
         value_name = "SECONDS"
     )]
     pub lease_s: u64,
-    /// How often a job is begun before it is given up.
+    /// Attempts at a job before it fails.
     #[arg(
         long,
         env = "KINCAL_MAX_ATTEMPTS",

@@ -278,7 +278,7 @@ pub fn unread_in_words(table: &UnderstoodBody) -> Option<String> {
 
 fn join_in_words(join: &JoinBody) -> Vec<String> {
     let clock = match (join.clock_offset_s, join.tolerance_s) {
-        // Standstills of two logs are paired where both stand.
+        // Two logs are paired at times when both show a standstill.
         (Some(offset), Some(0.0)) => format!("; {}", clock_offset_in_words(offset)),
         (Some(offset), Some(tolerance)) => {
             format!(

@@ -100,13 +100,13 @@ fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Error> {
 /// compute permit: the memory for bodies admits only two bodies of this size at once.
 async fn fingerprint(uri: &Uri, content_type: &str, body: &Bytes) -> Result<String, Error> {
     let body = body.clone();
-    let example_of_body = tokio::task::spawn_blocking(move || canonical::sha256_hex(&body))
+    let body_sha256 = tokio::task::spawn_blocking(move || canonical::sha256_hex(&body))
         .await
         .map_err(|error| Error::Internal(error.to_string()))?;
-    let of_query = canonical::sha256_hex(uri.query().unwrap_or_default().as_bytes());
-    let of_type = canonical::sha256_hex(content_type.as_bytes());
+    let query_sha256 = canonical::sha256_hex(uri.query().unwrap_or_default().as_bytes());
+    let type_sha256 = canonical::sha256_hex(content_type.as_bytes());
     Ok(canonical::sha256_hex(
-        [of_query, of_type, example_of_body].concat().as_bytes(),
+        [query_sha256, type_sha256, body_sha256].concat().as_bytes(),
     ))
 }
 

@@ -11,7 +11,7 @@ const MAX_NAME: usize = 60;
 /// Length of a date, `2026-03-01`.
 const DATE: usize = 10;
 
-/// `Content-Disposition` of what the job of a robot identified: `ER20-7_2026-03-01_ps_0123.urdf`.
+/// `Content-Disposition` of a file about a job's result: `ER20-7_2026-03-01_ps_0123.urdf`.
 pub async fn attachment(
     app: &App,
     robot_id: &str,
@@ -35,7 +35,7 @@ fn file_name(robot: &str, measured_at: &str, id: &str) -> String {
     parts.join("_")
 }
 
-/// The name with `-` for whatever is no letter or digit of ASCII, dot or hyphen, so that every file system takes it.
+/// Replaces every run of characters except ASCII letters, digits, dots and hyphens by `-`, so that every file system takes the name.
 fn safe(name: &str) -> String {
     let is_kept = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '-');
     let words = name.split(|c| !is_kept(c)).filter(|word| !word.is_empty());

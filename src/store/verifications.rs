@@ -435,7 +435,7 @@ pub async fn robot_counters(store: &Store, robot_id: &str) -> Result<RobotCounte
     sql::one(store.readers(), ROBOT_COUNTERS, values![robot_id]).await
 }
 
-/// As [`check`], for the robot of a job, in the transaction that has locked the robot's row.
+/// As [`robot_counters`], for the robot of a job. The transaction must have locked the robot's row.
 pub(crate) async fn robot_counters_of_job(tx: &mut Tx, job_id: &str) -> Result<RobotCounters> {
     sql::one(tx.connection(), ROBOT_COUNTERS_OF_JOB, values![job_id]).await
 }

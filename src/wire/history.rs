@@ -110,8 +110,8 @@ impl From<&ToolDifference> for MapPoint {
     }
 }
 
-/// The error of the released parameter set over the sessions that it was scored on. A session stands at the time at which it was measured, as its upload
-/// states, else at that of its upload.
+/// The error of the released parameter set over the sessions that it was scored on. The time of a session is its time of measurement if
+/// its upload states one, else the time of its upload.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Trend {
     /// Number of sessions: the held-out points of the identification, and the uploads that the set was scored on.

@@ -96,7 +96,7 @@ pub struct WorkFrameAnswer {
     /// Standard uncertainty of the origin of the work frame (3-D), mm; absent for a frame that was typed in.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub origin_std_mm: Option<f64>,
-    /// Doubts about the points: one that is off, a scatter above `std_mm`, or only three points, which nothing checks.
+    /// A point is off, the scatter exceeds `std_mm`, or there are only three points, which allow no check.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<Warning>,
     /// RFC 3339, UTC.

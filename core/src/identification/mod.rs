@@ -48,7 +48,7 @@ impl KinematicModel {
         }
     }
 
-    /// Position of a target in the measuring frame, mm.
+    /// Position of a target in the measuring frame, mm [Gao 2018, eq. 1; the measuring frame is the paper's world frame].
     pub fn position(&self, q_rad: &[f64], target: usize) -> Vector3<f64> {
         let p = forward_kinematics(&self.links, q_rad, &self.targets_mm[target]);
         self.t_instrument_base.rotation * p + self.t_instrument_base.translation.vector

@@ -3,7 +3,7 @@
 //! The points are divided into five parts that keep whole configurations together (by session if there are several). Each part is predicted by links
 //! and corrections fitted to the other parts. The gain of a correction is the squared error without it minus that with it, averaged over
 //! configurations. For a pose, its weighted rotation rows are included. A correction is kept if its gain exceeds twice the gain's standard error.
-//! A fit to four parts is one step of the linear problem at the fit to all points. Both fits differ only by noise, and over such a difference
+//! A fit to four parts is approximated by one linear step from the fit to all points. The two fits differ only by noise, and over such a difference
 //! the robot is linear to a ten-thousandth.
 //!
 //! In these fits the priors of the corrections have their usual widths. Widths that follow from all points would let the points of a part

@@ -29,7 +29,7 @@ pub struct Problem<'a> {
     pub variables: Vec<Variable>,
     /// Radius of the workspace, mm.
     pub reach_mm: f64,
-    /// Minimum noise of a row of weight 1, mm: the file's resolution, or the instrument's stated noise.
+    /// Minimum noise of a row of weight 1, mm: the instrument's stated noise, else [`MIN_SIGMA`] of the reach.
     pub least_sigma_mm: f64,
     /// Prior for the noise of a row, mm; only for poses. A few poses are fitted without residuals, which then show nothing about the noise.
     pub usual_sigma_mm: Option<f64>,

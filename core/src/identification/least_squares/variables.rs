@@ -35,7 +35,7 @@ pub fn usual_mm_per_rad(reach_mm: f64) -> f64 {
 /// Minimum growth of the prior of a correction: practically zero.
 const MIN_CORRECTION_GROWTH: f64 = 1e-3;
 
-/// Minimum of σ as a share of the reach: a picometre on an arm of a metre, the last digit of any file.
+/// Minimum of σ as a share of the reach. It only keeps the numbers finite: it is far below the resolution of any file.
 pub const MIN_SIGMA: f64 = 1e-12;
 
 /// Kinds of variables. Variables of a kind have similar errors, and their priors are widened together.
