@@ -11,7 +11,7 @@ use tokio::time::Instant;
 
 use super::audit_chain::{self, AuditNote};
 use super::sql::{self, values};
-use super::stuck::Writes;
+use super::writes::Writes;
 use super::{AuditEvent, Engine, Error, Result};
 
 /// A handle on the database; clones share its connections.

@@ -18,6 +18,7 @@ mod error;
 mod migration;
 mod open;
 pub mod stuck;
+mod writes;
 
 // Rows, lists and identifiers of every table.
 mod from_row;

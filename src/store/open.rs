@@ -14,7 +14,7 @@ use tokio::time::sleep;
 
 use super::database::{DATABASE, Inner, LOCK, WRITER_TIMEOUT};
 use super::migration::migrate;
-use super::stuck::Writes;
+use super::writes::Writes;
 use super::{Engine, Error, Result, Store, leases};
 
 /// Where the database is.

@@ -1,6 +1,5 @@
 //! Finds out for how long writers have been blocked.
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use tokio::time::{Instant, timeout};
@@ -67,67 +66,6 @@ pub async fn stuck_writers(store: &Store) -> Result<Option<StuckWriters>> {
     }))
 }
 
-/// What this process knows of its own writes. Used on SQLite, to which no other process writes.
-#[derive(Debug, Default)]
-pub(super) struct Writes(Mutex<State>);
-
-#[derive(Debug, Default)]
-struct State {
-    /// Whether a write was requested after the last commit. Without a commit it does not show that writes succeed: its request may have been
-    /// refused, or it had nothing to write.
-    is_unproven: bool,
-    /// Start of the first write that failed after the last commit.
-    failing_since: Option<Instant>,
-    /// Start of the trial write that runs now.
-    trial_since: Option<Instant>,
-}
-
-impl Writes {
-    pub(super) fn requested(&self) {
-        self.state().is_unproven = true;
-    }
-
-    pub(super) fn committed(&self) {
-        let mut state = self.state();
-        state.is_unproven = false;
-        state.failing_since = None;
-    }
-
-    /// Records a write that did not get its transaction, or whose commit failed.
-    pub(super) fn failed(&self, begun: Instant) {
-        self.state().failing_since.get_or_insert(begun);
-    }
-
-    /// Whether a trial is needed and none runs. The caller starts it.
-    fn take_trial(&self) -> bool {
-        let mut state = self.state();
-        let is_needed = state.is_unproven || state.failing_since.is_some();
-        let is_mine = is_needed && state.trial_since.is_none();
-        if is_mine {
-            state.trial_since = Some(Instant::now());
-        }
-        is_mine
-    }
-
-    fn trial_ended(&self) {
-        self.state().trial_since = None;
-    }
-
-    fn stuck_for(&self) -> Option<Duration> {
-        let state = self.state();
-        let starts = [state.failing_since, state.trial_since];
-        starts
-            .into_iter()
-            .flatten()
-            .map(|start| start.elapsed())
-            .max()
-    }
-
-    fn state(&self) -> MutexGuard<'_, State> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
 /// If nothing was committed after the last write that was requested, a trial write shows whether writes succeed. The caller waits at most
 /// [`TRIAL_TIMEOUT`] for it; a trial that takes longer goes on, and no second one begins beside it.
 async fn stuck_sqlite_writers(store: &Store) -> Option<StuckWriters> {
@@ -157,32 +95,9 @@ async fn write_trial(store: &Store) -> Result<()> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Writes, stuck_writers};
+    use super::stuck_writers;
     use crate::store::{Store, StoreLocation};
     use sqlx::Executor;
-    use tokio::time::Instant;
-
-    #[test]
-    fn only_a_commit_shows_that_writes_succeed() {
-        let writes = Writes::default();
-        assert!(!writes.take_trial(), "nobody has written");
-        writes.requested();
-        assert_eq!(
-            writes.stuck_for(),
-            None,
-            "the request may have been refused"
-        );
-        assert!(writes.take_trial() && !writes.take_trial(), "one at a time");
-        assert!(writes.stuck_for().is_some(), "the trial runs");
-        writes.failed(Instant::now());
-        writes.trial_ended();
-        // A transaction that had nothing to write, or was refused.
-        writes.requested();
-        assert!(writes.stuck_for().is_some() && writes.take_trial());
-        writes.trial_ended();
-        writes.committed();
-        assert!(writes.stuck_for().is_none() && !writes.take_trial());
-    }
 
     #[tokio::test]
     async fn writers_are_stuck_until_a_trial_is_committed() {
@@ -192,7 +107,7 @@ mod tests {
             .await
             .unwrap();
         assert_eq!(stuck_writers(&store).await.unwrap(), None);
-        let mut writers = store.writers();
+        let writers = store.writers();
         writers.execute("pragma query_only = on").await.unwrap();
         assert!(store.begin().await.is_err());
         let first = stuck_writers(&store).await.unwrap().unwrap();
