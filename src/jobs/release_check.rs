@@ -45,7 +45,7 @@ pub enum Purpose {
         /// Stated reason for a large change.
         change_reason: Option<String>,
     },
-    /// The active set is withdrawn, and the set that it superseded replaces it.
+    /// The active set is withdrawn, and the set that it superseded replaces it. That set is not compared with withdrawn sets.
     Rollback,
 }
 
@@ -157,12 +157,16 @@ pub async fn check(
     }
     let n_withdrawn = withdrawals::count(store, &row.robot_id).await?;
     let held_withdrawn = withdrawals::held(store, &job.id).await?;
-    // A rollback may return to a set with the values of a withdrawn one.
+    // A rollback may return to a set with the values of a withdrawn one, and the set that is then active stays releasable.
+    let becomes_active = matches!(
+        row.status,
+        ParameterSetStatus::Candidate | ParameterSetStatus::Superseded
+    );
     let withdrawn = match request.purpose {
-        Purpose::Release { .. } => {
+        Purpose::Release { .. } if becomes_active => {
             withdrawals::of_robot(store, &row.robot_id, MAX_WITHDRAWN).await?
         }
-        Purpose::Rollback => Vec::new(),
+        _ => Vec::new(),
     };
     if let Some(frames_id) = &job.frames_id {
         uploaders.push(audit::actor(store, frames_id, AuditEvent::FramesCreated).await?);

@@ -57,8 +57,8 @@ pub enum Conflict {
     /// The active set has changed since the release checks.
     #[error("another parameter set was released in the meantime")]
     ActiveChanged,
-    /// The robot's policy, its state or the sessions of the set have changed since the release checks.
-    #[error("the robot's policy or the set's sessions changed in the meantime")]
+    /// The robot, its policy, its state or the sessions of the set have changed since the release checks.
+    #[error("the robot, its policy or the set's sessions changed in the meantime")]
     ChecksOutdated,
     /// A trigger of the schema refused the release. Normally the release checks refuse it earlier.
     #[error("{why}")]

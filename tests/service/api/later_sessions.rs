@@ -22,6 +22,12 @@ async fn release(app: &TestApp, set: &Value) {
     app.post_json(&path, &reasons).await.ok(200);
 }
 
+async fn withdraw(app: &TestApp, set: &Value) {
+    let path = format!("/v1/parameter-sets/{}/withdraw", text(set));
+    let reason = json!({"reason": "it drilled the fixture"});
+    app.post_json(&path, &reason).await.ok(200);
+}
+
 async fn fails(app: &TestApp, set: &Value, gate: &str) -> bool {
     let (failed, _) = failed_gates(app, set).await;
     failed.contains(&gate.to_owned())
@@ -185,41 +191,60 @@ async fn a_copy_of_an_old_upload_is_as_old_as_the_original() {
     assert!(!fails(&app, &set, "scored_on_later_sessions").await);
 }
 
-#[tokio::test]
-async fn a_withdrawn_set_does_not_return_with_another_seed() {
-    let app = TestApp::with_workers(1).await;
+/// Two parameter sets of the same points, by different seeds.
+async fn with_two_seeds(app: &TestApp) -> [Value; 2] {
     let robot = app.paper_robot().await;
     let own = app.upload(&robot, "first_noisy.csv").await;
-    let mut ids = Vec::new();
-    for seed in [1, 2] {
+    let mut sets = [Value::Null, Value::Null];
+    for (seed, set) in sets.iter_mut().enumerate() {
         let request = json!({"measurement_set_id": own, "method": "pso", "seed": seed});
         let job = app.run(&robot, &request).await;
         assert_eq!(job["status"], "succeeded", "{job}");
-        ids.push(job["parameter_set_id"].clone());
+        *set = job["parameter_set_id"].clone();
     }
-    let path = format!("/v1/parameter-sets/{}/withdraw", text(&ids[0]));
-    let reason = json!({"reason": "it drilled the fixture"});
-    app.post_json(&path, &reason).await.ok(200);
-    assert!(fails(&app, &ids[1], "source_withdrawn").await);
+    sets
+}
+
+#[tokio::test]
+async fn a_withdrawn_set_does_not_return_with_another_seed() {
+    let app = TestApp::with_workers(1).await;
+    let [withdrawn, other] = with_two_seeds(&app).await;
+    withdraw(&app, &withdrawn).await;
+    assert!(fails(&app, &other, "source_withdrawn").await);
+    // The gate is about other sets.
+    assert!(!fails(&app, &withdrawn, "source_withdrawn").await);
 }
 
 #[tokio::test]
 async fn a_withdrawn_set_does_not_return_as_a_set_that_was_active_before_it() {
     let app = TestApp::with_workers(1).await;
-    let robot = app.paper_robot().await;
-    let own = app.upload(&robot, "first_noisy.csv").await;
-    let mut ids = Vec::new();
-    for seed in [1, 2] {
-        let request = json!({"measurement_set_id": own, "method": "pso", "seed": seed});
-        let job = app.run(&robot, &request).await;
-        ids.push(job["parameter_set_id"].clone());
-        release(&app, &ids[ids.len() - 1]).await;
-    }
-    assert!(!fails(&app, &ids[0], "source_withdrawn").await);
-    let path = format!("/v1/parameter-sets/{}/withdraw", text(&ids[1]));
+    let [before, withdrawn] = with_two_seeds(&app).await;
+    release(&app, &before).await;
+    release(&app, &withdrawn).await;
+    assert!(!fails(&app, &before, "source_withdrawn").await);
+    withdraw(&app, &withdrawn).await;
+    assert!(fails(&app, &before, "source_withdrawn").await);
+}
+
+#[tokio::test]
+async fn a_rollback_may_return_to_the_values_of_the_set_that_it_withdraws() {
+    let app = TestApp::with_workers(1).await;
+    let [before, withdrawn] = with_two_seeds(&app).await;
+    release(&app, &before).await;
+    release(&app, &withdrawn).await;
+    let set = app
+        .get(&format!("/v1/parameter-sets/{}", text(&withdrawn)))
+        .await
+        .ok(200);
+    let path = format!(
+        "/v1/robots/{}/parameter-sets/rollback",
+        text(&set["robot_id"])
+    );
     let reason = json!({"reason": "it drilled the fixture"});
     app.post_json(&path, &reason).await.ok(200);
-    assert!(fails(&app, &ids[0], "source_withdrawn").await);
+    // Releasing the active set again changes nothing.
+    assert!(!fails(&app, &before, "source_withdrawn").await);
+    release(&app, &before).await;
 }
 
 #[tokio::test]
@@ -233,9 +258,7 @@ async fn a_withdrawn_set_does_not_return_with_other_options_or_by_the_sessions_t
     let (known, unknown) = fresh.split_at(fresh.len() / 2);
     let known = upload(&app, &robot, known).await;
     scored(&app, &robot, &known, &withdrawn).await;
-    let path = format!("/v1/parameter-sets/{}/withdraw", text(&withdrawn));
-    let reason = json!({"reason": "it drilled the fixture"});
-    app.post_json(&path, &reason).await.ok(200);
+    withdraw(&app, &withdrawn).await;
     let request = json!({"measurement_set_id": own, "options": {"loss": "huber"}});
     let job = app.run(&robot, &request).await;
     let again = job["parameter_set_id"].clone();
