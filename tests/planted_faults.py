@@ -306,7 +306,7 @@ FAULTS = [
     Fault("/readyz does not look for stuck writers", "faults", "readyz_tells", [
         ("stuck.filter(|stuck| stuck.duration >= STUCK).map(", "stuck.filter(|stuck| stuck.duration >= STUCK_TOO_LONG).map(")]),
     Fault("a job without end", "service", "a_computation_without_an_end", [
-        ("tokio::time::sleep(max_duration)", "tokio::time::sleep(max_duration.max(Duration::from_secs(3600)))")]),
+        ("tokio::time::sleep(time_left)", "tokio::time::sleep(time_left.max(Duration::from_secs(3600)))")]),
     Fault("a cancelled job without end", "faults", "a_cancelled_computation_without_an_end", [
         ("tokio::time::sleep(left)", "tokio::time::sleep(left.max(Duration::from_secs(3600)))")]),
     Fault("cancelled: over with its thread only", "faults", "a_cancelled_job_is_over_soon", [

@@ -156,6 +156,7 @@ pub async fn run_next_job(store: &Store, context: &WorkerContext) -> Result<Opti
             shutdown_stage: context.shutdown_stage.subscribe(),
         }),
         lease,
+        begun: Instant::now(),
     };
     let unresponsive = match attempt.inputs(&job, until).await {
         Ok(inputs) => attempt.compute(inputs).await,
@@ -177,6 +178,7 @@ struct Attempt<'a> {
     context: &'a WorkerContext,
     lease: Lease,
     heartbeat: RenewedLease,
+    begun: Instant,
 }
 
 /// A computation that still runs although its job has ended.
@@ -190,6 +192,12 @@ type Computed = std::result::Result<JobOutcome, JobFailure>;
 impl Attempt<'_> {
     fn control(&self) -> &Arc<Control> {
         self.heartbeat.control()
+    }
+
+    /// Time until the attempt exceeds its longest duration.
+    fn time_left(&self) -> Duration {
+        let max_duration = self.context.max_duration;
+        max_duration.saturating_sub(self.begun.elapsed())
     }
 
     /// Reads the job's inputs, with retries for the duration of a lease. If the database stays unavailable, the job goes back to the queue and the
@@ -214,8 +222,11 @@ impl Attempt<'_> {
                         reason => self.end_of_stopped(reason),
                     });
                 }
+                () = shutdown_reached(&mut shutdown_stage, ShutdownStage::StopComputing) => {
+                    return Err(AttemptEnd::HandedBack);
+                }
                 loaded = loaded => loaded,
-                () = tokio::time::sleep(self.context.max_duration) => {
+                () = tokio::time::sleep(self.time_left()) => {
                     return Err(self.end_of_stopped(StopReason::TooLong));
                 }
             };
@@ -246,7 +257,7 @@ impl Attempt<'_> {
 
     /// Computes the job and ends it. Returns the computation of a cancelled job that has not stopped yet.
     async fn compute(&self, inputs: JobInputs) -> Option<Unresponsive> {
-        let (begun, control) = (Instant::now(), self.control());
+        let control = self.control();
         let (function, thread_control) = (self.context.compute, Arc::clone(control));
         let mut thread = tokio::task::spawn_blocking(move || {
             function(&inputs, &mut |progress| thread_control.report(progress))
@@ -258,7 +269,7 @@ impl Attempt<'_> {
                 return None;
             }
             () = shutdown_reached(&mut shutdown_stage, ShutdownStage::Abandon) => AttemptEnd::HandedBack,
-            () = time_limit_exceeded(self.context.max_duration, control) => AttemptEnd::GaveUp,
+            () = time_limit_exceeded(self.time_left(), control) => AttemptEnd::GaveUp,
             () = cancelled_and_unresponsive(control) => AttemptEnd::Cancelled,
         };
         let job_id = &self.lease.job_id;
@@ -272,7 +283,10 @@ impl Attempt<'_> {
             _ => {}
         }
         self.end(ended).await;
-        is_waited_for.then_some(Unresponsive { thread, begun })
+        is_waited_for.then_some(Unresponsive {
+            thread,
+            begun: self.begun,
+        })
     }
 
     /// Maps the computation's result to the end of the job.
@@ -366,8 +380,8 @@ impl Unresponsive {
 
 /// Asks a computation to stop when its time is over; resolves if it has not stopped shortly afterwards. The thread cannot be ended, but the
 /// caller can end the attempt.
-async fn time_limit_exceeded(max_duration: Duration, control: &Control) {
-    tokio::time::sleep(max_duration).await;
+async fn time_limit_exceeded(time_left: Duration, control: &Control) {
+    tokio::time::sleep(time_left).await;
     control.stop(StopReason::TooLong);
     tokio::time::sleep(COMPUTATION_STOP_TIMEOUT).await;
 }
