@@ -35,7 +35,7 @@ fn file_name(robot: &str, measured_at: &str, id: &str) -> String {
     parts.join("_")
 }
 
-/// Replaces every run of characters except ASCII letters, digits, dots and hyphens by `-`, so that every file system takes the name.
+/// The ASCII letters, digits, dots and hyphens of a name, with `-` for the characters between them, so that every file system takes it.
 fn safe(name: &str) -> String {
     let is_kept = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '-');
     let words = name.split(|c| !is_kept(c)).filter(|word| !word.is_empty());

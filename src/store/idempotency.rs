@@ -83,8 +83,10 @@ impl Store {
     /// Deletes expired Idempotency-Keys and their answers.
     pub async fn delete_expired_keys(&self) -> Result<()> {
         let mut tx = self.begin().await?;
-        sql::execute(tx.connection(), FORGET_OLD, values![KEY_LIFETIME_MS]).await?;
-        tx.commit().await
+        match sql::execute(tx.connection(), FORGET_OLD, values![KEY_LIFETIME_MS]).await? {
+            0 => tx.rollback().await,
+            _ => tx.commit().await,
+        }
     }
 
     /// Runs `effect` in a transaction. With a scope, `effect` takes place at most once: a second request gets the first answer.

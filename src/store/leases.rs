@@ -268,8 +268,11 @@ pub async fn heartbeat(
     let values = fenced_values![lease, millis(duration), progress_json];
     let cancel_requested_at_ms: Option<Option<i64>> =
         sql::first_value(tx.connection(), HEARTBEAT, values).await?;
+    let Some(cancel_requested_at_ms) = cancel_requested_at_ms else {
+        tx.rollback().await?;
+        return Err(Conflict::LeaseLost.into());
+    };
     tx.commit().await?;
-    let cancel_requested_at_ms = cancel_requested_at_ms.ok_or(Conflict::LeaseLost)?;
     Ok(Heartbeat {
         cancel_requested: cancel_requested_at_ms.is_some(),
     })

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
-/// What this process knows of its own writes. Used on SQLite, to which no other process writes.
+/// What this process knows of its own writes. Used on SQLite, where the commands of `kincal` are the only other writers.
 #[derive(Debug, Default)]
 pub(super) struct Writes(Mutex<State>);
 
