@@ -26,19 +26,31 @@ pub struct Driver {
 impl Driver {
     /// Starts it; `None`, with a message, if Chromium is not installed. KINCAL_EXPECT_BROWSER makes that an error.
     pub fn start() -> Option<Self> {
-        let spawned = Command::new("chromedriver")
+        // It takes a free port of IPv4 and then the same one of IPv6. It ends if another process has taken that one meanwhile.
+        (0..5)
+            .find_map(|_| match Self::spawn() {
+                Ok(driver) => driver.map(Some),
+                Err(error) => {
+                    assert!(
+                        std::env::var_os("KINCAL_EXPECT_BROWSER").is_none(),
+                        "chromedriver is expected here: {error}"
+                    );
+                    eprintln!(
+                        "SKIPPED: no chromedriver here; apt-get install chromium chromium-driver"
+                    );
+                    Some(None)
+                }
+            })
+            .expect("chromedriver starts and names its port")
+    }
+
+    /// `None` if it ended before it listened.
+    fn spawn() -> std::io::Result<Option<Self>> {
+        let mut child = Command::new("chromedriver")
             .arg("--port=0")
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
-            .spawn();
-        let Ok(mut child) = spawned else {
-            assert!(
-                std::env::var_os("KINCAL_EXPECT_BROWSER").is_none(),
-                "chromedriver is expected here and missing"
-            );
-            eprintln!("SKIPPED: no chromedriver here; apt-get install chromium chromium-driver");
-            return None;
-        };
+            .spawn()?;
         let mut lines = BufReader::new(child.stdout.take().unwrap())
             .lines()
             .map_while(Result::ok);
@@ -46,13 +58,16 @@ impl Driver {
             line.rsplit_once("successfully on port ")
                 .map(|(_, port)| port.trim_end_matches('.').to_owned())
         });
-        let url = format!(
-            "http://127.0.0.1:{}",
-            port.expect("chromedriver names its port")
-        );
+        let Some(port) = port else {
+            child.wait()?;
+            return Ok(None);
+        };
         // Reads on, so that chromedriver can always write.
         std::thread::spawn(move || lines.for_each(drop));
-        Some(Self { child, url })
+        Ok(Some(Self {
+            child,
+            url: format!("http://127.0.0.1:{port}"),
+        }))
     }
 }
 
