@@ -135,6 +135,7 @@ pub fn problem(robot: &[u8], set: &[u8]) -> anyhow::Result<(SearchSpace, Vec<Obs
         weight: 1.0,
         whitening: None,
         rotation: None,
+        station: None,
     };
     Ok((search_space(&robot), points.map(observation).collect()))
 }

@@ -27,6 +27,7 @@ fn observations(set: &str) -> Vec<Observation> {
         weight: 1.0,
         whitening: None,
         rotation: None,
+        station: None,
     };
     set.points.iter().map(observation).collect()
 }

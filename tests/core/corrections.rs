@@ -89,12 +89,12 @@ fn derivatives_equal_central_differences() {
             position_mm: random.vector() * 1000.0,
             target: i % 2,
             weight: 1.0 + i as f64,
+            station: [None, Some(0), Some(1)][i % 3],
         })
         .collect();
-    let stations: Vec<Option<usize>> = (0..8).map(|i| [None, Some(0), Some(1)][i % 3]).collect();
     let known = (mounting, None);
     let problem = Problem::new(model, &parameters, &observations)
-        .with_stations(&stations)
+        .with_stations(&observations, 1)
         .with_corrections(known, &terms, CorrectionWidths::Usual);
     assert_eq!(
         problem.variables.len(),

@@ -82,6 +82,7 @@ impl Making {
                 weight: 1.0,
                 whitening: None,
                 rotation: None,
+                station: None,
             }
         };
         (0..n).map(one).collect()

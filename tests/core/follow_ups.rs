@@ -1,7 +1,7 @@
 //! A robot that is measured again: scores on another session, and changes since the last one.
 
 use crate::data::{paper_robot, real_data};
-use crate::simulation::{Campaign, Normal, limited, measure, poses, true_robot};
+use crate::simulation::{Campaign, Normal, found, limited, measure, poses, true_robot};
 use kincal::calibration::point_errors::PointErrors;
 use kincal::calibration::report::{CalibrationReport, Warning};
 use kincal::calibration::request::VerifySource;
@@ -11,11 +11,12 @@ use kincal::calibration::{
     check_verify, robust_comparison, verify,
 };
 use kincal::identification::KinematicModel;
-use kincal::identification::corrections::corrected::IdentifiedRobot;
+use kincal::identification::corrections::corrected::{CorrectedModel, IdentifiedRobot};
+use kincal::identification::least_squares::start::rigid_motion;
 use kincal::kinematics::Robot;
 use kincal::measurement::table::own_form;
 use kincal::measurement::{Frame, MeasurementSet, Point, Subset};
-use nalgebra::{IsometryMatrix3, Rotation3, Vector3};
+use nalgebra::{IsometryMatrix3, Point3, Rotation3, Vector3};
 use std::ops::ControlFlow;
 
 fn identified(robot: &Robot, set: &MeasurementSet) -> KinematicModel {
@@ -432,6 +433,77 @@ fn the_stations_of_a_verify_set_are_placed_each_for_itself() {
         refusal(&to_identify_and_verify(&first, small)),
         Some("under_determined")
     );
+}
+
+/// Sum of squares of a robot with corrections on a set, mm²: the target, and one rigid motion for each of the stations, alternately until nothing
+/// changes.
+fn least_squares_by_turns_mm2(robot: &CorrectedModel, set: &MeasurementSet, first: usize) -> f64 {
+    let flanges: Vec<IsometryMatrix3<f64>> = set
+        .points
+        .iter()
+        .map(|p| robot.t_base_flange(&p.q_rad))
+        .collect();
+    let mut target_mm = robot.model.targets_mm[0];
+    let mut sum = f64::INFINITY;
+    for _ in 0..20_000 {
+        let mut in_base = Vec::new();
+        for rows in [0..first, first..set.points.len()] {
+            let measured: Vec<_> = rows.clone().map(|i| set.points[i].position_mm).collect();
+            let predicted: Vec<_> = rows
+                .map(|i| (flanges[i] * Point3::from(target_mm)).coords)
+                .collect();
+            let motion = rigid_motion(&measured, &predicted);
+            in_base.extend(measured.iter().map(|m| motion * Point3::from(*m)));
+        }
+        let left = |(flange, at): (&IsometryMatrix3<f64>, &Point3<f64>)| {
+            (flange.inverse() * at).coords - target_mm
+        };
+        let left: Vec<Vector3<f64>> = flanges.iter().zip(&in_base).map(left).collect();
+        let before = std::mem::replace(&mut sum, left.iter().map(Vector3::norm_squared).sum());
+        if before - sum < 1e-12 * sum {
+            break;
+        }
+        target_mm += left.iter().sum::<Vector3<f64>>() / left.len() as f64;
+    }
+    sum
+}
+
+#[test]
+fn a_robot_with_corrections_is_placed_at_the_least_squares_of_all_stations() {
+    let robot = paper_robot();
+    let sagging = Campaign {
+        sag_rad: 5e-4,
+        ..Campaign::PLAIN
+    };
+    let mut random = Normal::new(77);
+    let truth = true_robot(&robot, 1, &mut random);
+    // The same poses: outside of what was measured, corrections fade.
+    let q_rad = poses(60, &mut random);
+    let mut session = || measure(&truth, &q_rad, &sagging, &mut random);
+    let (first, mut second) = (session(), session());
+    let fit = CalibrationRequest::new(robot.clone(), first);
+    let report = calibrate(&fit, &mut |_| ControlFlow::Continue(())).unwrap();
+    let identified = IdentifiedRobot {
+        plain: found(&report),
+        corrected: report.corrected,
+    };
+    let corrected = identified.corrected.as_ref().expect("sag is corrected");
+    let turn = Rotation3::new(Vector3::new(0.2, -0.4, 1.9));
+    for (row, point) in second.points.iter_mut().enumerate() {
+        point.station = Some(if row < 25 { "door" } else { "window" }.into());
+        if row < 25 {
+            point.position_mm = turn * point.position_mm + Vector3::new(3000.0, -900.0, 40.0);
+        }
+    }
+    let request = CalibrationRequest::new(robot, second.clone());
+    let report = verify(&request, Some(&identified), &mut |_| {
+        ControlFlow::Continue(())
+    })
+    .unwrap();
+    let rms_mm = report.verify.unwrap().corrected.unwrap().rms_mm;
+    let best_mm = (least_squares_by_turns_mm2(corrected, &second, 25) / 60.0).sqrt();
+    println!("two stations: {rms_mm:.6} mm, least squares by turns {best_mm:.6} mm");
+    assert!((rms_mm / best_mm - 1.0).abs() < 1e-5);
 }
 
 #[test]

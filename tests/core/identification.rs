@@ -114,6 +114,7 @@ fn observations(set: &MeasurementSet, subset: Option<Subset>) -> Vec<Observation
             weight: 1.0,
             whitening: None,
             rotation: None,
+            station: None,
         })
         .collect()
 }
@@ -1012,6 +1013,7 @@ fn a_swarm_that_gives_up_hopeless_particles_ends_as_one_that_does_not_on_any_num
             weight: 1.0,
             whitening: None,
             rotation: None,
+            station: None,
         })
         .collect();
     let parameters = paper_parameters(links.len());
@@ -1061,6 +1063,7 @@ fn a_swarm_in_any_space_finds_the_same_with_the_lower_bound_of_its_costs_as_with
         weight: if p.q_rad[0] > 0.0 { 2.5 } else { 1.0 },
         whitening: None,
         rotation: None,
+        station: None,
     };
     let nominal = KinematicModel::nominal(&links, 1);
     for set in ["first.csv", "first_noisy.csv"] {

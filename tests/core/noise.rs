@@ -55,6 +55,7 @@ fn observations(set: &MeasurementSet) -> Vec<Observation> {
         weight: 0.7,
         whitening: p.position_noise.map(|noise| noise.whitening(0.02)),
         rotation: None,
+        station: None,
     };
     set.points.iter().map(observation).collect()
 }

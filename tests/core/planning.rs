@@ -60,6 +60,7 @@ fn mean_std_mm(request: &PlanRequest<'_>, chosen: &[Vec<f64>]) -> f64 {
             weight: 1.0,
             whitening: None,
             rotation: None,
+            station: None,
         };
         weighted_jacobian(
             &model,
@@ -224,6 +225,7 @@ fn what_was_measured_already_counts_and_is_not_measured_again() {
             weight: 1.0,
             whitening: None,
             rotation: None,
+            station: None,
         })
         .collect();
     let alone = plan(&PlanRequest {

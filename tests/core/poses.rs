@@ -95,6 +95,7 @@ fn observations(nominal: &Robot, set: &MeasurementSet) -> Vec<Observation> {
             mm_per_rad: 400.0,
             lever_mm: p.lever_mm,
         }),
+        station: None,
     };
     set.points.iter().map(observation).collect()
 }

@@ -324,6 +324,7 @@ fn the_statistic_is_that_of_generalised_least_squares() {
                 weight: 1.0,
                 whitening: None,
                 rotation: None,
+                station: None,
             })
             .collect();
         let is_placed_anew = frame == Frame::Instrument;

@@ -77,6 +77,7 @@ fn calibrate_points<'a>(
         ),
     })?;
     let mut own = comparison_row(&problem, method.as_str(), method.as_str(), &found, None);
+    let mut problem = problem.with_stations_moved(&found.stations);
     let of_method = found.model.clone();
     let network = match (&found.swarm, method) {
         // The network predicts link parameters. Without free link parameters there is nothing to train.
@@ -102,6 +103,7 @@ fn calibrate_points<'a>(
             least_squares_from(&problem, &found.model, None, &mut quiet(monitor))
         })?;
         found.model = refined.model;
+        problem = problem.with_stations_moved(&refined.stations);
     }
     found.model.links = with_angles_near_nominal(found.model.links, &problem.nominal.links);
     let too_small = larger_model::warning(&problem, &found.model, &mut quiet(monitor))?;
@@ -118,7 +120,9 @@ fn calibrate_points<'a>(
     };
     // A separate verification set is screened once, with the identified robot.
     let layout = watched(monitor, |watch| verify_layout(request, &found.model, watch)).flatten()?;
-    own.verify_after = verify_errors(&problem, &of_method, layout.as_ref());
+    if layout.is_some() {
+        own.verify_after = verify_errors(&problem, &of_method, layout.as_ref());
+    }
     let comparison = compare(&problem, &choice, own, layout.as_ref(), monitor)?;
     let problem = problem.with_tool_of(&found.model);
     let (corrections, vetoed) = vetoed(&problem, &found.model, layout.as_ref(), corrections)?;
@@ -235,6 +239,9 @@ fn comparison_row(
     found: &Found,
     layout: Option<&Layout<'_>>,
 ) -> MethodComparison {
+    let is_moved = !found.stations.is_empty();
+    let moved = is_moved.then(|| problem.clone().with_stations_moved(&found.stations));
+    let problem = moved.as_ref().unwrap_or(problem);
     MethodComparison {
         method,
         stage,

@@ -13,7 +13,7 @@ use crate::identification::model::parameters::{Parameter, quantity_mut};
 use crate::identification::model::priors::Priors;
 use crate::identification::{KinematicModel, TrainedNetwork};
 use crate::measurement::Subset;
-use std::cmp::Ordering;
+use nalgebra::IsometryMatrix3;
 use std::collections::BTreeSet;
 
 /// Everything that does not change while methods run on a request.
@@ -114,24 +114,14 @@ impl Problem<'_> {
             .collect()
     }
 
-    /// Set-up of the instrument of each point, from 0; `None` for the reference set-up, in whose frame the model is.
-    pub fn stations(&self) -> Vec<Option<usize>> {
-        let reference_setup = self.arrangement.reference_setup();
-        let number = |setup: usize| match setup.cmp(&reference_setup) {
-            Ordering::Less => Some(setup),
-            Ordering::Equal => None,
-            Ordering::Greater => Some(setup - 1),
-        };
-        let setups = self.arrangement.setups.iter();
-        setups.map(|setup| number(*setup)).collect()
-    }
-
-    /// [`Self::stations`] of the identify points.
-    pub fn stations_to_identify(&self) -> Vec<Option<usize>> {
-        let rows = self.observed.subsets.iter().zip(self.stations());
-        rows.filter(|(subset, _)| **subset == Subset::Identify)
-            .map(|(_, station)| station)
-            .collect()
+    /// The same problem with the points of each station moved. `motions` has those of all stations, or none.
+    pub fn with_stations_moved(mut self, motions: &[IsometryMatrix3<f64>]) -> Self {
+        if !motions.is_empty() {
+            self.arrangement.move_stations(motions);
+            self.arrangement.apply(&mut self.observed);
+            self.identify = self.observed.of(Subset::Identify);
+        }
+        self
     }
 
     /// The network that the job may start from.

@@ -121,7 +121,9 @@ pub fn estimate_with_noise(
     if !matches!(found.termination, "converged" | "cost_reached") {
         return Ok(None);
     }
-    let problem = problem.with_tool_of(&found.model);
+    let problem = problem
+        .with_stations_moved(&found.stations)
+        .with_tool_of(&found.model);
     let uncertainty = watched(monitor, |watch| stated(&problem, &found.model, watch))?;
     let noise = problem.noise(&found.model);
     let overstated = OverstatedNoise::of(&problem, &found.model);

@@ -68,6 +68,7 @@ impl<'a> Tool<'a> {
             weight: 1.0,
             whitening: None,
             rotation: None,
+            station: None,
         };
         let mut rows = weighted_jacobian(
             &model,

@@ -88,6 +88,7 @@ fn observations(
                 weight,
                 whitening: None,
                 rotation: None,
+                station: None,
             }
         })
         .collect()

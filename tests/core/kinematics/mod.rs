@@ -197,6 +197,7 @@ fn every_column_of_the_jacobian_equals_central_differences() {
             weight: 2.25,
             whitening: None,
             rotation: None,
+            station: None,
         };
         let turned = Vector3::new(
             at[5 * n_links + 3],

@@ -60,6 +60,7 @@ fn case(
                 weight: random.random_range(0.1..2.0),
                 whitening: None,
                 rotation: None,
+                station: None,
             }
         })
         .collect();

@@ -82,7 +82,7 @@ pub fn vetoed(
             corrections::veto(found, &robot, &problem.observed.of(Subset::Verify), &placed)
         }
         Some(layout) => {
-            let after = layout.place(model)?;
+            let after = layout.place(model);
             let placed = layout.place_corrected(&robot, &after);
             let there = IdentifiedRobot {
                 plain: after.model.clone(),
@@ -109,7 +109,7 @@ pub fn verify_errors(
 ) -> Option<Errors> {
     match layout {
         Some(layout) => {
-            let placed = layout.place(model).ok()?;
+            let placed = layout.place(model);
             errors(&placed.model, &placed.observed.all)
         }
         None => errors(model, &problem.observed.of(Subset::Verify)),
@@ -209,7 +209,7 @@ pub fn report(
     let (verify, of_verify_set);
     let mut outliers: BTreeSet<usize> = problem.screening.outliers.iter().map(|w| w.row).collect();
     if let Some(layout) = layout {
-        let (before, after) = (layout.place(&problem.nominal)?, layout.place(model)?);
+        let (before, after) = (layout.place(&problem.nominal), layout.place(model));
         let robot_there = robot
             .as_ref()
             .map(|robot| layout.place_corrected(robot, &after));

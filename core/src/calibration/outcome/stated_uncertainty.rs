@@ -48,8 +48,6 @@ pub fn estimated(
         .collect();
     let observations: Vec<Observation> = with_weight.iter().map(|i| points[*i].clone()).collect();
     let configurations: Vec<usize> = with_weight.iter().map(|i| clusters[*i]).collect();
-    let of_identify = problem.stations_to_identify();
-    let stations: Vec<Option<usize>> = with_weight.iter().map(|i| of_identify[*i]).collect();
     let held: Vec<Held> = match &problem.priors {
         Some(known) => {
             let at_bounds = known.priors.at_bounds(model).into_iter();
@@ -65,7 +63,6 @@ pub fn estimated(
         problem: &rows,
         observations: &observations,
         configurations: &configurations,
-        stations: &stations,
         corrections: None,
         misfit: misfit(problem),
         watch,

@@ -104,15 +104,7 @@ pub(super) fn fit_all(
     arrangement.apply(observed);
     let parameters = parameters_of(request, &arrangement.fitted_targets(observed))?;
     let columns = Columns::new(&model, &observed.all);
-    let everything: Vec<usize> = (0..observed.all.len()).collect();
-    let derivatives = derivatives(
-        &model,
-        &parameters,
-        &observed.all,
-        &columns,
-        arrangement,
-        &everything,
-    );
+    let derivatives = derivatives(&model, &parameters, &observed.all);
     watch.goes_on();
     let reach_mm = reach_mm(&model.links, observed.all.iter());
     let rounding_mm = ROUNDING_PER_REACH * reach_mm;

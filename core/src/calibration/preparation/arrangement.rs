@@ -11,6 +11,7 @@ use crate::identification::model::parameters::{Parameter, rotation_exp};
 use crate::measurement::split::MIN_OF_STATION;
 use crate::measurement::{Frame, Subset};
 use nalgebra::{IsometryMatrix3, Point3, Translation3, Vector3};
+use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Minimum number of identify points for fitting a set-up's motion. With fewer, the motion stays as it was found from all points.
@@ -119,6 +120,7 @@ impl Arrangement {
             let motion = &self.motions[self.setups[point]];
             let o = &mut observed.all[point];
             o.target = at[&(observed.targets[point], self.segments[point])];
+            o.station = self.station(self.setups[point]);
             o.position_mm = (motion * Point3::from(observed.positions_mm[point])).coords;
             let uneven = observed.whitenings[point];
             o.whitening = uneven.map(|w| w * motion.rotation.matrix().transpose());
@@ -179,6 +181,26 @@ impl Arrangement {
                 back * *m
             }
         });
+    }
+
+    /// Station of a set-up, from 0 and without the reference; `None` for the reference set-up.
+    fn station(&self, setup: usize) -> Option<usize> {
+        let reference_setup = self.reference_setup();
+        match setup.cmp(&reference_setup) {
+            Ordering::Less => Some(setup),
+            Ordering::Equal => None,
+            Ordering::Greater => Some(setup - 1),
+        }
+    }
+
+    /// Moves the points of each station. `motions` has those of all stations, or none.
+    pub fn move_stations(&mut self, motions: &[IsometryMatrix3<f64>]) {
+        for setup in 0..self.motions.len() {
+            let motion = self.station(setup).and_then(|station| motions.get(station));
+            if let Some(motion) = motion {
+                self.motions[setup] = motion * self.motions[setup];
+            }
+        }
     }
 
     /// The reference set-up: the other set-ups are transformed into its frame.

@@ -5,7 +5,9 @@ use crate::calibration::request::{CalibrationRequest, Loss};
 use crate::calibration::{Error, unusable};
 use crate::identification::KinematicModel;
 use crate::identification::least_squares::estimate::FitSummary;
-use crate::identification::model::objective::{Observation, squared_rows_mm2};
+use crate::identification::model::objective::{
+    Observation, one_after_other, squared_rows_mm2, with_stations_moved,
+};
 use crate::identification::model::pose_rows::{MeasuredRotation, rotation_residual_rad};
 use crate::kinematics::batch::Bound;
 use crate::kinematics::rotation::rotation_exp;
@@ -185,20 +187,12 @@ pub fn robust_fit(
     loss: PointLoss,
     monitor: &mut dyn FnMut(Iteration) -> ControlFlow<()>,
 ) -> FitSummary {
-    let mut start = start.clone();
-    let n_evaluations = approach(&mut start, least_squares, trusted, loss);
-    let cost_of = |model: &KinematicModel| {
-        loss.cost(model, observations) + (least_squares.prior_cost_mm2)(model)
+    let cost_of = |model: &KinematicModel, points: &[Observation]| {
+        loss.cost(model, points) + (least_squares.prior_cost_mm2)(model)
     };
-    let cost = cost_of(&start);
-    let termination = Termination::IterationLimit;
-    let mut found = FitSummary {
-        model: start,
-        n_iterations: 0,
-        n_evaluations,
-        convergence_mm2: vec![cost],
-        termination,
-    };
+    let mut found = approach(start, least_squares, trusted, loss);
+    let mut points = with_stations_moved(observations, &found.stations);
+    found.convergence_mm2 = vec![cost_of(&found.model, &points)];
     while found.n_iterations < MAX_REWEIGHTINGS {
         let before = found.convergence_mm2[found.n_iterations];
         let told = Iteration {
@@ -212,14 +206,17 @@ pub fn robust_fit(
                 ..found
             };
         }
-        let reweighted = loss.reweighted(&found.model, observations);
+        let reweighted = loss.reweighted(&found.model, &points);
         let fit = (least_squares.fit)(&found.model, &reweighted);
-        let after = cost_of(&fit.model);
+        let moved = with_stations_moved(&points, &fit.stations);
+        let after = cost_of(&fit.model, &moved);
         found.n_iterations += 1;
         found.n_evaluations += fit.n_evaluations;
         found.convergence_mm2.push(before.min(after));
         if after < before {
             found.model = fit.model;
+            found.stations = one_after_other(&found.stations, &fit.stations);
+            points = moved;
         }
         if after > before * (1.0 - SMALLEST_GAIN) {
             found.termination = Termination::CostTolerance;
@@ -229,32 +226,48 @@ pub fn robust_fit(
     found
 }
 
-/// Lowers the scale step by step to its final value, and returns the number of evaluations. If the start's residuals were far above the scale, nearly
+/// The start of the reweightings. The scale is lowered step by step to its final value: if the start's residuals were far above the scale, nearly
 /// all weights would be small and carry little information.
 fn approach(
-    start: &mut KinematicModel,
+    start: &KinematicModel,
     least_squares: &LeastSquares<'_>,
     observations: &[Observation],
     loss: PointLoss,
-) -> usize {
+) -> FitSummary {
+    let mut found = FitSummary {
+        model: start.clone(),
+        stations: vec![],
+        n_iterations: 0,
+        n_evaluations: 0,
+        convergence_mm2: vec![],
+        termination: Termination::IterationLimit,
+    };
     let PointLoss::Bounded { loss, scale_mm } = loss else {
-        return 0;
+        return found;
     };
     if matches!(loss, losses::Loss::Tukey { .. }) {
         let fit = (least_squares.fit)(start, observations);
-        *start = fit.model;
-        return fit.n_evaluations;
+        return FitSummary {
+            n_iterations: 0,
+            termination: Termination::IterationLimit,
+            ..fit
+        };
     }
-    let rms =
-        (PointLoss::Squares.cost(start, observations) / observations.len().max(1) as f64).sqrt();
-    let (mut at, mut n_evaluations) = (rms, 1);
+    let mut points = observations.to_vec();
+    let rms = (PointLoss::Squares.cost(start, &points) / points.len().max(1) as f64).sqrt();
+    found.n_evaluations = 1;
+    let mut at = rms;
     while at > SCALE_STEP * scale_mm && at > 0.0 {
-        let reweighted = PointLoss::Bounded { loss, scale_mm: at }.reweighted(start, observations);
-        let fit = (least_squares.fit)(start, &reweighted);
-        (*start, n_evaluations) = (fit.model, n_evaluations + fit.n_evaluations);
+        let reweighted =
+            PointLoss::Bounded { loss, scale_mm: at }.reweighted(&found.model, &points);
+        let fit = (least_squares.fit)(&found.model, &reweighted);
+        points = with_stations_moved(&points, &fit.stations);
+        found.stations = one_after_other(&found.stations, &fit.stations);
+        found.n_evaluations += fit.n_evaluations;
+        found.model = fit.model;
         at /= SCALE_STEP;
     }
-    n_evaluations
+    found
 }
 
 /// Factor between successive scales.

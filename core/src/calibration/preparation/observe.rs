@@ -193,6 +193,7 @@ fn observations(
             mm_per_rad,
             lever_mm: point.lever_mm,
         }),
+        station: None,
     };
     set.points.iter().zip(weights).map(observation).collect()
 }

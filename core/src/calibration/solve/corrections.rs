@@ -1,7 +1,6 @@
 //! Searches for corrections of effects that links cannot describe, after the links are identified. The identified links do not change.
 
 use crate::calibration::outcome::delivery::delivered;
-use crate::calibration::preparation::arrangement::MIN_OF_SETUP;
 use crate::calibration::preparation::observe::stated_scale_mm;
 use crate::calibration::problem::Problem;
 use crate::calibration::report::Warning;
@@ -10,15 +9,16 @@ use crate::calibration::validation::robust_comparison::robust_comparison;
 use crate::calibration::{Event, Monitor};
 use crate::identification::corrections::corrected::{CorrectedModel, IdentifiedRobot};
 use crate::identification::corrections::{COMPLIANCE, Evidence, Fitted, Setting, select};
-use crate::identification::least_squares::start::{fit_base_and_targets, place};
 use crate::identification::model::correction_terms::Term;
-use crate::identification::model::objective::{Observation, weighted_residuals};
+use crate::identification::model::objective::{
+    Observation, weighted_residuals, with_stations_moved,
+};
 use crate::identification::model::pose_rows::rotation_residual_rad;
 use crate::identification::{self, KinematicModel};
 use crate::kinematics::compliance::{moments, rigid_chain};
 use crate::kinematics::{MeasuredRegion, Mounting, reach_mm};
 use crate::measurement::{Frame, Subset};
-use nalgebra::{IsometryMatrix3, Vector3};
+use nalgebra::Vector3;
 
 /// Uncertainty of the gravity direction if no mounting is stated, rad: a robot on a floor that is level to 2°.
 const USUAL_MOUNTING_STD_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
@@ -49,18 +49,9 @@ impl Found {
     /// All points of the problem, placed for the robot with corrections. Set-ups of the instrument other than the reference have other
     /// motions than for the links alone.
     pub fn placed(&self, problem: &Problem<'_>) -> Vec<Observation> {
-        let motions = self
-            .fitted
-            .as_ref()
-            .map_or(&[][..], |fitted| &fitted.motions);
-        let all = problem.observed.all.iter().zip(problem.stations());
-        all.map(
-            |(o, station)| match station.and_then(|at| motions.get(at)) {
-                Some(motion) => o.moved(motion),
-                None => o.clone(),
-            },
-        )
-        .collect()
+        let fitted = self.fitted.as_ref();
+        let motions = fitted.map_or(&[][..], |fitted| &fitted.stations);
+        with_stations_moved(&problem.observed.all, motions)
     }
 }
 
@@ -70,8 +61,6 @@ pub(super) struct Points {
     /// The number of each point's configuration, from 0.
     pub(super) clusters: Vec<usize>,
     sessions: Vec<Option<String>>,
-    /// Set-up of each point; empty if all are of the reference set-up.
-    pub(super) set_ups: Vec<Option<usize>>,
 }
 
 impl Points {
@@ -86,20 +75,7 @@ impl Points {
         let step = with_weight.len().div_ceil(MAX_POINTS).max(1);
         let taken: Vec<_> = with_weight.into_iter().step_by(step).collect();
         let session = |row: usize| problem.request.set.points[row].session.clone();
-        let stations = problem.stations();
-        let n_motions = problem.arrangement.motions.len() - 1;
-        let mut n_of = vec![0; n_motions];
-        for (_, row) in &taken {
-            stations[*row]
-                .iter()
-                .for_each(|station| n_of[*station] += 1);
-        }
-        // Too few points do not determine a set-up's motion; it keeps the motion of the fit of the links.
-        let placed = |row: usize| stations[row].filter(|station| n_of[*station] >= MIN_OF_SETUP);
-        let set_ups: Vec<Option<usize>> = taken.iter().map(|(_, row)| placed(*row)).collect();
-        let is_one = set_ups.iter().all(Option::is_none);
         Self {
-            set_ups: if is_one { vec![] } else { set_ups },
             clusters: renumbered(taken.iter().map(|((_, cluster), _)| *cluster)),
             sessions: taken.iter().map(|(_, row)| session(*row)).collect(),
             observations: taken.into_iter().map(|((o, _), _)| o).collect(),
@@ -127,16 +103,13 @@ pub(super) fn setting<'a>(problem: &Problem<'_>, points: &'a Points) -> Setting<
             gravity_in_base: -Vector3::z(),
             std_rad: USUAL_MOUNTING_STD_RAD,
         });
-    let mut links = problem
-        .rows(&points.observations, &[])
-        .with_stations(&points.set_ups);
+    let mut links = problem.rows(&points.observations, &[]);
     links.reference = nominal;
     Setting {
         links,
         mounting,
         payload: request.payload,
         observations: &points.observations,
-        stations: &points.set_ups,
     }
 }
 
@@ -411,22 +384,4 @@ fn renumbered(labels: impl Iterator<Item = usize>) -> Vec<usize> {
         *known.entry(label).or_insert(next)
     };
     labels.map(&mut number).collect()
-}
-
-/// The robot with base and targets fitted anew to other points, separately for the links alone and for the robot with corrections.
-pub fn placed_anew(robot: &IdentifiedRobot, observations: &[Observation]) -> IdentifiedRobot {
-    let n_targets = observations.iter().map(|o| o.target + 1).max().unwrap_or(0);
-    let with_corrections = |corrected: &CorrectedModel| {
-        let flange = |o: &Observation| corrected.t_base_flange(&o.q_rad);
-        let flanges: Vec<IsometryMatrix3<f64>> = observations.iter().map(flange).collect();
-        let links = &corrected.model.links;
-        CorrectedModel {
-            model: place(links, &flanges, observations, n_targets),
-            ..corrected.clone()
-        }
-    };
-    IdentifiedRobot {
-        plain: fit_base_and_targets(&robot.plain.links, observations, n_targets),
-        corrected: robot.corrected.as_ref().map(with_corrections),
-    }
 }

@@ -25,7 +25,7 @@ use crate::identification::KinematicModel;
 use crate::identification::corrections::Fitted;
 use crate::identification::corrections::corrected::{CorrectedModel, IdentifiedRobot};
 use crate::identification::least_squares::problem::CorrectionWidths;
-use crate::identification::model::objective::{rms_mm, with_weight};
+use crate::identification::model::objective::{rms_mm, with_stations_moved, with_weight};
 use crate::identification::statistics::estimate::{CorrectedErrors, Estimate};
 use crate::identification::statistics::uncertainty::{Session, Uncertainty, uncertainty};
 use crate::identification::statistics::workspace::{ToolUncertainty, tool_uncertainty};
@@ -95,7 +95,7 @@ pub fn final_fit<'a>(
         plain: delivered(verified, model),
         corrected: corrections.and_then(|found| found.corrected.clone()),
     };
-    let problem = watched(monitor, |watch| verified.over_all_points(model, watch)).flatten()?;
+    let mut problem = watched(monitor, |watch| verified.over_all_points(model, watch)).flatten()?;
     let of_verified = corrections.and_then(|found| found.fitted.as_ref());
     let (model, corrected, fitted) = match verified.observed.subsets.contains(&Subset::Verify) {
         false => (
@@ -105,6 +105,7 @@ pub fn final_fit<'a>(
         ),
         true => {
             let fit = least_squares_from(&problem, model, None, &mut quiet(monitor))?;
+            problem = problem.with_stations_moved(&fit.stations);
             let refit = |found| corrections::refit(&problem, &fit.model, found, monitor);
             let refitted = corrections.and_then(refit);
             // Compares both fits in the same way: by the links alone, if the corrections cannot be fitted again.
@@ -222,21 +223,16 @@ fn corrected_errors(
     }
     let points = Points::new(problem, links_alone);
     let setting = setting(problem, &points);
-    let placed = setting.placed(fitted);
+    let placed = with_stations_moved(&points.observations, &fitted.stations);
     let mut rows = problem.rows(&placed, &[]);
     rows.reference = setting.links.reference.clone();
     let known = (setting.mounting, setting.payload);
     let rows = rows.with_corrections(known, &fitted.terms, CorrectionWidths::ByEvidence);
-    let stations = match points.set_ups.is_empty() {
-        true => vec![None; placed.len()],
-        false => points.set_ups.clone(),
-    };
     let found = uncertainty(Session {
         model: &fitted.model,
         problem: &rows,
         observations: &placed,
         configurations: &points.clusters,
-        stations: &stations,
         corrections: Some(fitted),
         misfit: misfit(problem),
         watch,

@@ -50,7 +50,8 @@ pub fn warning(
         Err(Error::Unusable { .. }) => return Ok(None),
         Err(cancelled) => return Err(cancelled),
     };
-    let fit = least_squares_from(&complete, &complete.nominal, None, monitor)?.model;
+    let found = least_squares_from(&complete, &complete.nominal, None, monitor)?;
+    let (fit, complete) = (found.model, complete.with_stations_moved(&found.stations));
     let complete_mm = rms_mm(&fit, &complete.identify);
     // If the paper's model does not fit at all, it is sufficient that the complete model fits.
     let limit_mm = no_fit_mm(request);

@@ -1,5 +1,6 @@
 //! Maximum a posteriori estimate of a request's robot, and how much its points determine beyond the priors.
 
+use crate::calibration::preparation::arrangement::MIN_OF_SETUP;
 use crate::calibration::preparation::loss::{LeastSquares, robust_fit};
 use crate::calibration::problem::Problem;
 use crate::calibration::request::{Model, Preset};
@@ -9,7 +10,7 @@ use crate::identification::least_squares::estimate::{
 };
 use crate::identification::least_squares::evidence::Noise;
 use crate::identification::least_squares::problem;
-use crate::identification::model::objective::Observation;
+use crate::identification::model::objective::{Observation, one_after_other, with_stations_moved};
 use crate::identification::model::parameters::{
     Parameter, Quantity, copy_parameter, deviation_from,
 };
@@ -57,11 +58,13 @@ impl Problem<'_> {
         watch: &Watch<'_>,
         monitor: &mut dyn FnMut(Iteration) -> ControlFlow<()>,
     ) -> FitSummary {
-        let (points, trusted) = (&self.identify, self.trusted());
+        let trusted = self.trusted();
         let alone = self.within_bounds(start, &mut |held, start| {
             let rows = self.rows(&trusted, held);
             estimate(&rows, &rows.coordinates(start), 0.0, &mut |_| watch.flow()).into_summary()
         });
+        let points = with_stations_moved(&self.identify, &alone.stations);
+        let trusted = with_stations_moved(&trusted, &alone.stations);
         let rows = self.rows(&trusted, &[]);
         let (evidence, _) = evidence_at(&rows, &rows.coordinates(&alone.model));
         let of_points = LeastSquares {
@@ -79,7 +82,11 @@ impl Problem<'_> {
             true => ControlFlow::Break(()),
             false => monitor(i),
         };
-        robust_fit(start, &of_points, points, &trusted, loss, &mut tell)
+        let fit = robust_fit(start, &of_points, &points, &trusted, loss, &mut tell);
+        FitSummary {
+            stations: one_after_other(&alone.stations, &fit.stations),
+            ..fit
+        }
     }
 
     /// A fit inside the bounds that the request states. `fit_with` fits with some parameters held (by index, with their deviations from nominal). If
@@ -124,9 +131,11 @@ impl Problem<'_> {
         }
     }
 
-    /// The rows of some points, the parameters' own or stated priors, and the deviations of held parameters.
+    /// The problem of some points: base, links, targets and stations, with the parameters' own or stated priors. Held parameters keep their
+    /// deviations.
     pub fn rows<'p>(&self, observations: &'p [Observation], held: &[Held]) -> problem::Problem<'p> {
-        let mut rows = problem::Problem::new(self.nominal.clone(), &self.parameters, observations);
+        let mut rows = problem::Problem::new(self.nominal.clone(), &self.parameters, observations)
+            .with_stations(observations, MIN_OF_SETUP);
         rows.least_sigma_mm = self.least_sigma_mm.unwrap_or(rows.least_sigma_mm);
         if self.request.set.frame == Frame::Base {
             rows = rows.with_known_base();
@@ -170,7 +179,8 @@ impl Problem<'_> {
         let (evidence, posterior) = evidence_at(&rows, &rows.coordinates(model));
         let stated = self.priors.iter().flat_map(|known| &known.priors.all);
         let mut all: Vec<Prior> = stated.copied().collect();
-        for (parameter, variable) in rows.variables.iter().enumerate() {
+        let of_parameters = rows.variables.iter().take(self.parameters.len());
+        for (parameter, variable) in of_parameters.enumerate() {
             let is_stated = all.iter().any(|prior| prior.parameter == parameter);
             if !is_stated {
                 all.push(Prior {
@@ -186,7 +196,7 @@ impl Problem<'_> {
         priors.scale_mm = evidence.sigma_mm;
         Determined {
             priors,
-            data_share: posterior.data_share,
+            data_share: posterior.data_share[..self.parameters.len()].to_vec(),
         }
     }
 }

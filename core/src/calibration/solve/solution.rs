@@ -7,12 +7,15 @@ use crate::identification::KinematicModel;
 use crate::identification::model::search_space::SearchSpace;
 use crate::solvers::watch::Watch;
 use crate::solvers::{least_squares, pso};
+use nalgebra::IsometryMatrix3;
 use std::cell::RefCell;
 
 /// A method's answer.
 pub struct Found {
     /// The identified model.
     pub model: KinematicModel,
+    /// Motion of each station but the reference, from the problem's placement to the model; empty with one station, and after a swarm.
+    pub stations: Vec<IsometryMatrix3<f64>>,
     /// Iterations done.
     pub n_iterations: usize,
     /// Cost evaluations done.
@@ -53,6 +56,7 @@ pub fn least_squares_from(
     }
     Ok(Found {
         model: fit.model,
+        stations: fit.stations,
         n_iterations: fit.n_iterations,
         n_evaluations: fit.n_evaluations,
         convergence: fit.convergence_mm2,

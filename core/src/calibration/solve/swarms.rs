@@ -73,6 +73,7 @@ pub fn swarm(
         pso::Termination::IterationLimit => "iteration_limit",
     };
     Ok(Found {
+        stations: vec![],
         model: space.model(&summary.best_position),
         n_iterations: summary.n_iterations,
         n_evaluations: summary.n_evaluations,

@@ -5,22 +5,21 @@
 
 use crate::calibration::Error;
 use crate::calibration::preparation::arrangement::{Arrangement, MIN_OF_SETUP};
-use crate::calibration::preparation::motions::fit_motions;
 use crate::calibration::preparation::observe::Observed;
 use crate::calibration::preparation::placed_weights::weigh_placed;
 use crate::calibration::preparation::row_weights::is_by_direction;
 use crate::calibration::preparation::screening::{Screening, screen};
 use crate::calibration::request::{CalibrationRequest, Model, ParameterChoice};
-use crate::calibration::solve::corrections::placed_anew;
 use crate::calibration::validation::errors::RobotAtPoints;
 use crate::identification::KinematicModel;
 use crate::identification::corrections::corrected::IdentifiedRobot;
-use crate::identification::least_squares::start::{fit_base_and_targets, rigid_motion};
-use crate::identification::model::objective::{Observation, with_weight};
-use crate::kinematics::reach_mm;
+use crate::identification::least_squares::start::place_with_stations;
+use crate::identification::model::objective::{Observation, with_stations_moved, with_weight};
+use crate::kinematics::{Link, t_base_flange};
 use crate::measurement::Frame;
 use crate::measurement::{MeasurementSet, Subset};
 use crate::solvers::watch::Watch;
+use nalgebra::IsometryMatrix3;
 
 /// Number of rounds of placement and weighting. Noise by direction needs two. Poses start with the usual weight of rotations, which may be
 /// far off.
@@ -65,11 +64,6 @@ impl PlacedCorrected {
         (&self.robot, &self.points)
     }
 }
-
-/// Maximum number of rounds that alternately place the set-ups, and base and targets. Each round halves the remaining error.
-const SET_UP_ROUNDS: usize = 30;
-/// The set-ups have converged if they move the points by less than this share of the reach: a micrometre on an arm of 1.7 m.
-const FOUND_PER_REACH: f64 = 1e-3 / 1700.0;
 
 impl<'a> Layout<'a> {
     /// `observed` are the points of `set`, and `model` is the robot that is expected to fit them best. `refit`: base and targets are
@@ -120,108 +114,80 @@ impl<'a> Layout<'a> {
     }
 
     /// Places a robot on these points. Its links stay unchanged; base and targets stay too, or are fitted anew.
-    pub fn place(&self, model: &KinematicModel) -> Result<Placed, Error> {
+    pub fn place(&self, model: &KinematicModel) -> Placed {
         let mut observed = self.measured.clone();
         if !self.is_placed_anew {
             let segments = (0..model.targets_mm.len())
                 .map(|target| (target, 0))
                 .collect();
-            return Ok(Placed {
+            return Placed {
                 model: model.clone(),
                 observed,
-                segments,
-            });
-        }
-        let (placing, mut arrangement) = (
-            placing(self.request, self.set, model),
-            self.arrangement.clone(),
-        );
-        observed.subsets.fill(Subset::Identify);
-        let mut fit = |observed: &mut Observed| {
-            fit_motions(
-                &placing,
-                observed,
-                &mut arrangement,
-                Some(Subset::Identify),
-                &Watch::nobody(),
-            )?;
-            arrangement.apply(observed);
-            let segments = arrangement.fitted_targets(observed).segments;
-            let mut placed = Placed {
-                model: model.clone(),
-                observed: observed.clone(),
                 segments,
             };
-            placed.observed.subsets.fill(Subset::Verify);
-            let points = with_weight(&placed.observed.all);
-            placed.model = fit_base_and_targets(&model.links, &points, placed.segments.len());
-            Ok::<_, Error>((placed, arrangement.clone()))
-        };
-        let (mut placed, mut arranged) = fit(&mut observed)?;
+        }
+        let mut arrangement = self.arrangement.clone();
+        let flange = |o: &Observation| t_base_flange(&model.links, &o.q_rad);
+        let mut placed = self.placed_by(&model.links, &flange, &mut observed, &mut arrangement);
         if is_by_direction(self.request, self.set) || self.set.has_poses() {
             for _ in 0..WEIGHTING_ROUNDS {
                 let n_placed = self.n_refitted();
-                let laid_out = (&arranged, self.screening.outliers.as_slice());
+                let laid_out = (&arrangement, self.screening.outliers.as_slice());
                 weigh_placed(self.set, &mut observed, laid_out, &placed.model, n_placed);
-                (placed, arranged) = fit(&mut observed)?;
+                placed = self.placed_by(&model.links, &flange, &mut observed, &mut arrangement);
             }
         }
-        Ok(placed)
+        placed
     }
 
-    /// Places a robot with corrections on the same points as its links alone. The set-ups of the instrument are placed anew for it too,
-    /// alternately with base and targets.
+    /// Places a robot, whose flange is known at each observation, on the points: base, targets and stations, by one least-squares fit.
+    fn placed_by(
+        &self,
+        links: &[Link],
+        flange: &dyn Fn(&Observation) -> IsometryMatrix3<f64>,
+        observed: &mut Observed,
+        arrangement: &mut Arrangement,
+    ) -> Placed {
+        arrangement.apply(observed);
+        let segments = arrangement.fitted_targets(observed).segments;
+        let points = with_weight(&observed.all);
+        let flanges: Vec<IsometryMatrix3<f64>> = points.iter().map(flange).collect();
+        let (model, motions) =
+            place_with_stations(links, &flanges, &points, segments.len(), MIN_OF_SETUP);
+        arrangement.move_stations(&motions);
+        arrangement.apply(observed);
+        Placed {
+            model,
+            observed: observed.clone(),
+            segments,
+        }
+    }
+
+    /// Places a robot with corrections on the same points as its links alone, with the same weights.
     pub fn place_corrected(
         &self,
         robot: &IdentifiedRobot,
         links_alone: &Placed,
     ) -> PlacedCorrected {
         let mut placed = PlacedCorrected {
-            robot: robot.clone(),
+            robot: IdentifiedRobot {
+                plain: links_alone.model.clone(),
+                corrected: robot.corrected.clone(),
+            },
             points: links_alone.observed.all.clone(),
         };
-        if !self.is_placed_anew {
-            return placed;
-        }
-        placed.robot = placed_anew(robot, &with_weight(&placed.points));
-        for _ in 0..SET_UP_ROUNDS {
-            if !self.move_set_ups(&mut placed) {
-                break;
-            }
-            placed.robot = placed_anew(robot, &with_weight(&placed.points));
+        let corrected = placed.robot.corrected.as_mut();
+        if let Some(corrected) = corrected.filter(|_| self.is_placed_anew) {
+            let points = with_weight(&placed.points);
+            let flange = |o: &Observation| corrected.t_base_flange(&o.q_rad);
+            let flanges: Vec<IsometryMatrix3<f64>> = points.iter().map(flange).collect();
+            let (links, n_targets) = (&corrected.model.links, links_alone.segments.len());
+            let (model, motions) =
+                place_with_stations(links, &flanges, &points, n_targets, MIN_OF_SETUP);
+            corrected.model = model;
+            placed.points = with_stations_moved(&placed.points, &motions);
         }
         placed
-    }
-
-    /// Moves the points of each set-up but the reference onto the robot with corrections. Returns false if nothing moved.
-    fn move_set_ups(&self, placed: &mut PlacedCorrected) -> bool {
-        let Some(corrected) = &placed.robot.corrected else {
-            return false;
-        };
-        let reference_setup = self.arrangement.reference_setup();
-        let smallest_mm = FOUND_PER_REACH * reach_mm(&corrected.model.links);
-        let mut is_moved = false;
-        for set_up in (0..self.arrangement.motions.len()).filter(|at| *at != reference_setup) {
-            let rows: Vec<usize> = (0..placed.points.len())
-                .filter(|row| self.arrangement.setups[*row] == set_up)
-                .collect();
-            let fitted = rows.iter().map(|row| &placed.points[*row]);
-            let fitted = fitted.filter(|o| o.weight > 0.0);
-            let (measured, predicted): (Vec<_>, Vec<_>) = fitted
-                .map(|o| (o.position_mm, corrected.position(&o.q_rad, o.target)))
-                .unzip();
-            if measured.len() < MIN_OF_SETUP {
-                continue;
-            }
-            let motion = rigid_motion(&measured, &predicted);
-            for row in rows {
-                let moved = placed.points[row].moved(&motion);
-                let shift = moved.position_mm - placed.points[row].position_mm;
-                is_moved |= shift.norm() > smallest_mm;
-                placed.points[row] = moved;
-            }
-        }
-        is_moved
     }
 
     /// Number of base and target parameters that are fitted anew.

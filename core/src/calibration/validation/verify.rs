@@ -132,7 +132,7 @@ fn score(
         refit,
         watch,
     )?;
-    let (before, after) = (layout.place(&before)?, layout.place(&after)?);
+    let (before, after) = (layout.place(&before), layout.place(&after));
     let corrected = robot.map(|robot| layout.place_corrected(robot, &after));
     let remarks = screening_warnings(&layout.screening, &after.observed, None, None);
     let outliers = layout

@@ -9,7 +9,6 @@ use crate::identification::model::correction_terms::Term;
 use crate::identification::model::objective::Observation;
 use crate::kinematics::{Corrections, Mounting, Payload};
 use nalgebra::IsometryMatrix3;
-use std::borrow::Cow;
 use std::ops::ControlFlow;
 
 /// A step that gains less than a millionth of the sum of squares moves the fit by a small part of a standard deviation. The derivatives by links are
@@ -29,8 +28,6 @@ pub struct Setting<'a> {
     pub payload: Option<Payload>,
     /// The points, each with nonzero weight.
     pub observations: &'a [Observation],
-    /// Station of the instrument of each point; `None` for the reference station. Empty if there is one station only.
-    pub stations: &'a [Option<usize>],
 }
 
 /// A fit of links with some corrections.
@@ -46,9 +43,9 @@ pub struct Fitted {
     pub variance: f64,
     /// Motion of each station except the reference: transforms its points from their placement by the fit of the links alone. Corrections change
     /// that placement.
-    pub motions: Vec<IsometryMatrix3<f64>>,
+    pub stations: Vec<IsometryMatrix3<f64>>,
     /// Noise and prior widths of all variables of the fit; `None` before the first fit.
-    evidence: Option<Evidence>,
+    pub evidence: Option<Evidence>,
 }
 
 impl Fitted {
@@ -59,7 +56,7 @@ impl Fitted {
             terms: vec![],
             values: vec![],
             variance,
-            motions: vec![],
+            stations: vec![],
             evidence: None,
         }
     }
@@ -70,17 +67,6 @@ impl Fitted {
         let mut found = of_terms.filter(|(free, _)| *free == term);
         found.next().map_or(0.0, |(_, value)| *value)
     }
-
-    /// Noise and prior widths for a problem that has the first `n_parameters` variables and the terms of this fit, without stations.
-    pub fn evidence_without_stations(&self, n_parameters: usize) -> Option<Evidence> {
-        let evidence = self.evidence.clone()?;
-        let first_term = evidence.widths.len() - self.terms.len();
-        let (others, of_terms) = evidence.widths.split_at(first_term);
-        Some(Evidence {
-            widths: [&others[..n_parameters], of_terms].concat(),
-            ..evidence
-        })
-    }
 }
 
 /// A fit with its problem.
@@ -90,19 +76,6 @@ pub(super) struct Fit<'a> {
 }
 
 impl<'a> Setting<'a> {
-    /// The points in their placement at a fit.
-    pub fn placed(&self, at: &Fitted) -> Cow<'a, [Observation]> {
-        if self.stations.is_empty() {
-            return Cow::Borrowed(self.observations);
-        }
-        let all = self.observations.iter().zip(self.stations);
-        let placed = all.map(|(o, station)| match station {
-            Some(station) => o.moved(&at.motions[*station]),
-            None => o.clone(),
-        });
-        Cow::Owned(placed.collect())
-    }
-
     /// Fits links and `terms`, starting at `start`. Terms that `start` already contains start at their values there.
     pub(super) fn fit(
         &self,
@@ -141,13 +114,12 @@ impl Fit<'_> {
             _ => None,
         });
         let (terms, values) = of_terms.unzip();
-        let motions = problem.station_motions(&estimate.x);
         Fitted {
             model: estimate.model.clone(),
             terms,
             values,
             variance: estimate.evidence.sigma_mm * estimate.evidence.sigma_mm,
-            motions: motions.iter().map(IsometryMatrix3::inverse).collect(),
+            stations: estimate.stations.clone(),
             evidence: Some(estimate.evidence.clone()),
         }
     }

@@ -10,7 +10,7 @@ use crate::identification::least_squares::parts::Parts;
 use crate::identification::least_squares::problem::Problem;
 use crate::solvers::least_squares::{Iteration, Options, Termination, minimize, sum_of_squares};
 use crate::solvers::watch::Watch;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, IsometryMatrix3};
 use std::cell::{Cell, RefCell};
 use std::ops::ControlFlow;
 
@@ -30,6 +30,8 @@ const SMALLEST_STEP: f64 = 1e-10;
 pub struct Estimate {
     /// The most probable model.
     pub model: KinematicModel,
+    /// Motion of each station but the reference ([`Problem::station_motions`]).
+    pub stations: Vec<IsometryMatrix3<f64>>,
     /// Its coordinates.
     pub x: Vec<f64>,
     /// Noise and widths.
@@ -52,6 +54,8 @@ pub struct Estimate {
 pub struct FitSummary {
     /// The fitted model.
     pub model: KinematicModel,
+    /// Motion of each station but the reference ([`Problem::station_motions`]).
+    pub stations: Vec<IsometryMatrix3<f64>>,
     /// Number of steps, over all rounds.
     pub n_iterations: usize,
     /// Number of evaluations of the residuals.
@@ -67,6 +71,7 @@ impl Estimate {
     fn before(problem: &Problem<'_>, start: &[f64], evidence: Evidence) -> Self {
         Self {
             model: problem.model(start),
+            stations: problem.station_motions(start),
             x: start.to_vec(),
             // Without rows, the posterior equals the prior.
             posterior: Triangle::empty(start.len()).solve(start, &evidence),
@@ -94,6 +99,7 @@ impl Estimate {
     pub fn into_summary(self) -> FitSummary {
         FitSummary {
             model: self.model,
+            stations: self.stations,
             n_iterations: self.convergence_mm2.len().saturating_sub(1),
             n_evaluations: self.n_evaluations,
             convergence_mm2: self.convergence_mm2,
@@ -230,7 +236,7 @@ pub fn estimate_from(
 
 /// Least squares of the rows, starting at `start`. σ is far below the noise, so that the priors determine only what the rows do not.
 pub fn least_squares(problem: &Problem<'_>, start: &KinematicModel) -> KinematicModel {
-    least_squares_while(problem, start, &Watch::nobody())
+    least_squares_while(problem, start, &Watch::nobody()).model
 }
 
 /// As [`least_squares`], until the watch stops.
@@ -238,9 +244,9 @@ pub fn least_squares_while(
     problem: &Problem<'_>,
     start: &KinematicModel,
     watch: &Watch<'_>,
-) -> KinematicModel {
+) -> FitSummary {
     let evidence = Evidence::first(problem, FIRST_SIGMA * problem.reach_mm);
-    most_probable(problem, start, &evidence, watch).model
+    most_probable(problem, start, &evidence, watch)
 }
 
 /// Maximum a posteriori model with given noise and widths, beginning at `start`.
@@ -349,5 +355,6 @@ fn descend(
     found.n_evaluations += fit.n_evaluations;
     found.termination = fit.termination;
     found.model = problem.model(&fit.x);
+    found.stations = problem.station_motions(&fit.x);
     found.x = fit.x;
 }

@@ -16,8 +16,10 @@ use crate::identification::model::parameters::{
     Parameter, apply_into, deviation_from, placement_parameters, target_rotation_parameters,
 };
 use crate::kinematics::{Corrections, Link, Mounting, Payload};
+use crate::measurement::split::MIN_OF_STATION;
 use crate::solvers::median::median;
 use nalgebra::{DMatrix, IsometryMatrix3, Vector3};
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 /// Variables and blocks.
@@ -125,15 +127,27 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// The same problem with the motions of the instrument's stations as further variables. `stations` has the station of each block, from 0;
-    /// `None` for the reference station. The points are already placed in the reference station's frame.
-    pub fn with_stations(mut self, stations: &[Option<usize>]) -> Self {
-        let n_stations = stations.iter().flatten().map(|s| s + 1).max().unwrap_or(0);
-        for (block, station) in self.blocks.iter_mut().zip(stations) {
-            block.station = *station;
+    /// The same problem with the motions of the instrument's stations as further variables. `observations` are those of the problem, with or
+    /// without weight. A station with fewer than `least` of them stays where it is. So does one more, since the base already describes a motion
+    /// of all: the reference station or, if it has too few observations, the last one that has enough.
+    pub fn with_stations(mut self, observations: &[Observation], least: usize) -> Self {
+        let mut n_of: BTreeMap<Option<usize>, usize> = BTreeMap::new();
+        observations
+            .iter()
+            .for_each(|o| *n_of.entry(o.station).or_default() += 1);
+        let has_enough = |station: &&Option<usize>| n_of[*station] >= MIN_OF_STATION;
+        let of_reference = n_of.keys().filter(|station| station.is_none());
+        let held = of_reference
+            .chain(n_of.keys().rev())
+            .find(has_enough)
+            .copied();
+        n_of.retain(|station, n| *n >= least && Some(*station) != held);
+        let moving: BTreeSet<usize> = n_of.into_keys().flatten().collect();
+        for block in &mut self.blocks {
+            block.station = block.measured.station.filter(|s| moving.contains(s));
         }
-        for station in 0..n_stations {
-            let axes = (0..6).map(|axis| station_variable(station, axis, self.reach_mm));
+        for station in &moving {
+            let axes = (0..6).map(|axis| station_variable(*station, axis, self.reach_mm));
             self.variables.extend(axes);
         }
         self
@@ -289,10 +303,19 @@ impl<'a> Problem<'a> {
         self.at(x).corrections.map(|(corrections, _)| corrections)
     }
 
-    /// The motion of each station at the given coordinates: it moves what is predicted for the station's points.
+    /// The motion of each station at the given coordinates: it moves the station's measured points from where they are to the robot. Empty
+    /// without stations.
     pub fn station_motions(&self, x: &[f64]) -> Vec<IsometryMatrix3<f64>> {
         let stations = self.at(x).stations;
-        stations.iter().map(StationMotion::isometry).collect()
+        let of_measured = |predicted: &StationMotion| predicted.isometry().inverse();
+        stations.iter().map(of_measured).collect()
+    }
+
+    /// Indices of the variables of stations.
+    pub fn stations(&self) -> Range<usize> {
+        let is_of_station = |v: &&Variable| matches!(v.unknown, Unknown::Station(..));
+        let n = self.variables.iter().filter(is_of_station).count();
+        self.parameters.len()..self.parameters.len() + n
     }
 
     /// Everything that the rows depend on.

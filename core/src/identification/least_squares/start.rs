@@ -146,6 +146,28 @@ pub fn place(
     found.unwrap_or_else(|| KinematicModel::nominal(links, n_targets))
 }
 
+/// As [`place`], with the stations of the instrument placed too. Also returns their motions ([`Problem::station_motions`]). A station of fewer
+/// than `least` observations stays where it is.
+pub fn place_with_stations(
+    links: &[Link],
+    flanges: &[IsometryMatrix3<f64>],
+    observations: &[Observation],
+    n_targets: usize,
+    least: usize,
+) -> (KinematicModel, Vec<IsometryMatrix3<f64>>) {
+    let model = place(links, flanges, observations, n_targets);
+    let problem = Problem::of_placement(model.clone(), flanges, observations);
+    let problem = problem.with_stations(observations, least);
+    if problem.stations().is_empty() {
+        return (model, vec![]);
+    }
+    let (_, x) = least_squares_of(&problem);
+    let links = model.links;
+    let placed = problem.model(&x);
+    let model = KinematicModel { links, ..placed };
+    (model, problem.station_motions(&x))
+}
+
 /// Least squares of base and targets. Returns the cost, mm², and the model.
 fn polished(
     start: KinematicModel,
@@ -154,6 +176,13 @@ fn polished(
 ) -> (f64, KinematicModel) {
     let links = start.links.clone();
     let problem = Problem::of_placement(start, flanges, observations);
+    let (cost, x) = least_squares_of(&problem);
+    let placed = problem.model(&x);
+    (cost, KinematicModel { links, ..placed })
+}
+
+/// Least squares of the rows alone, from the reference. Returns the cost, mm², and the coordinates.
+fn least_squares_of(problem: &Problem<'_>) -> (f64, Vec<f64>) {
     let mut rows =
         |x: &[f64], residuals: &mut DVector<f64>, jacobian: Option<&mut DMatrix<f64>>| {
             problem.evaluate(x, residuals.as_mut_slice(), jacobian);
@@ -163,8 +192,7 @@ fn polished(
     let fit = minimize(&mut rows, n_rows, &x0, &options, &mut |_| {
         ControlFlow::Continue(())
     });
-    let placed = problem.model(&fit.x);
-    (fit.cost, KinematicModel { links, ..placed })
+    (fit.cost, fit.x)
 }
 
 /// Centre of the measured positions, mm.

@@ -25,6 +25,8 @@ pub struct Observation {
     pub whitening: Option<Matrix3<f64>>,
     /// Rotation of the target, for a pose.
     pub rotation: Option<MeasuredRotation>,
+    /// Station of the instrument, from 0; `None` for the reference station. The measured values are already in the reference station's frame.
+    pub station: Option<usize>,
 }
 
 impl Observation {
@@ -37,6 +39,7 @@ impl Observation {
             weight: 1.0,
             whitening: None,
             rotation: None,
+            station: None,
         }
     }
 
@@ -69,6 +72,14 @@ impl Observation {
         moved
     }
 
+    /// The same observation with its station moved. `motions` has the motion of each station except the reference; a station without one stays.
+    pub fn with_station_moved(&self, motions: &[IsometryMatrix3<f64>]) -> Self {
+        match self.station.and_then(|station| motions.get(station)) {
+            Some(motion) => self.moved(motion),
+            None => self.clone(),
+        }
+    }
+
     /// W·v of a vector in the measuring frame.
     pub fn whitened(&self, v: Vector3<f64>) -> Vector3<f64> {
         match &self.whitening {
@@ -95,6 +106,26 @@ impl Observation {
     pub fn n_rows(&self, model: &KinematicModel) -> usize {
         let is_pose = self.rotation.is_some() && self.target < model.target_rotations.len();
         if is_pose { 6 } else { 3 }
+    }
+}
+
+/// The observations with their stations moved ([`Observation::with_station_moved`]).
+pub fn with_stations_moved(
+    observations: &[Observation],
+    motions: &[IsometryMatrix3<f64>],
+) -> Vec<Observation> {
+    let all = observations.iter();
+    all.map(|o| o.with_station_moved(motions)).collect()
+}
+
+/// Motions of stations one after the other. An empty list has no motion.
+pub fn one_after_other(
+    first: &[IsometryMatrix3<f64>],
+    second: &[IsometryMatrix3<f64>],
+) -> Vec<IsometryMatrix3<f64>> {
+    match (first, second) {
+        ([], only) | (only, []) => only.to_vec(),
+        _ => second.iter().zip(first).map(|(b, a)| b * a).collect(),
     }
 }
 

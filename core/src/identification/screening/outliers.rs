@@ -29,6 +29,9 @@ const DELETION_WORK: usize = 100_000;
 const MIN_DELETIONS: usize = 10;
 /// Maximum share of the points that the search treats as outliers.
 const MAX_OUTLIERS: f64 = 0.1;
+/// What is known of each coefficient of the basis beside the kept points, as a share of what all points show of it. Without it, coefficients
+/// that no kept point determines (the placement of a segment all of whose points are left out) would be a matter of rounding.
+const LEAST_KNOWN: f64 = 1e-10;
 /// Number of points between two checks whether to stop.
 const POINTS_AT_ONCE: usize = 5_000;
 /// Median of the length of three standard normal numbers.
@@ -71,7 +74,7 @@ struct Blocks<'a> {
     of: &'a Linearised,
     /// Q, and the directions of expected errors; 3·N × r.
     basis: Cow<'a, DMatrix<f64>>,
-    /// Noise variance over the prior variance of each coefficient; 0 for those of Q; r.
+    /// Noise variance over the prior variance of each coefficient, r.
     ridge: Vec<f64>,
     /// Qᵀ, r × 3·N: the entries of a point are contiguous.
     transposed: DMatrix<f64>,
@@ -176,7 +179,7 @@ impl<'a> Blocks<'a> {
         Self {
             of,
             basis: Cow::Borrowed(&of.basis),
-            ridge: vec![0.0; of.basis.ncols()],
+            ridge: vec![LEAST_KNOWN; of.basis.ncols()],
             transposed: of.basis.transpose(),
             watch,
         }
@@ -184,7 +187,7 @@ impl<'a> Blocks<'a> {
 
     fn beside(of: &'a Linearised, expected: &ExpectedErrors<'_>, watch: &'a Watch<'a>) -> Self {
         let basis = side_by_side(&[&of.basis, expected.directions]);
-        let mut ridge = vec![0.0; of.basis.ncols()];
+        let mut ridge = vec![LEAST_KNOWN; of.basis.ncols()];
         ridge.extend(expected.variances.iter().map(|variance| 1.0 / variance));
         Self {
             of,

@@ -63,11 +63,10 @@ pub struct Uncertainty {
 /// The uncertainty of a session's identification. `None` if the equations cannot be solved.
 pub fn uncertainty(session: Session<'_>) -> Option<Uncertainty> {
     let rows = Rows::new(&session);
-    let columns = &rows.columns;
-    let x = &rows.of_problem;
+    let (columns, x) = (&rows.columns, &rows.x);
     let of_fit = session
         .corrections
-        .and_then(|fitted| fitted.evidence_without_stations(columns.n_parameters));
+        .and_then(|fitted| fitted.evidence.clone());
     let (priors, at_fit) = match of_fit {
         Some(evidence) => {
             let posterior = posterior_at(session.problem, x, &evidence);
@@ -124,10 +123,7 @@ pub fn uncertainty(session: Session<'_>) -> Option<Uncertainty> {
         .filter(|j| !stations.contains(j))
         .collect();
     let variables = &session.problem.variables;
-    let unit = |j: usize| match columns.in_problem(j) {
-        Some(variable) => variables[variable].width,
-        None => 1.0,
-    };
+    let unit = |j: usize| variables.get(j).map_or(1.0, |variable| variable.width);
     let in_units = |matrix: &DMatrix<f64>| {
         DMatrix::from_fn(kept.len(), matrix.ncols(), |i, k| {
             matrix[(kept[i], k)] * unit(kept[i])

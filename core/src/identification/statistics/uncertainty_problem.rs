@@ -28,10 +28,8 @@ pub struct Session<'a> {
     pub observations: &'a [Observation],
     /// Configuration number of each observation.
     pub configurations: &'a [usize],
-    /// The instrument's station of each observation, from 0; `None` for the reference station, in whose frame the model is.
-    pub stations: &'a [Option<usize>],
-    /// The fit of links and corrections, if the problem has corrections. Their terms are its last variables, and it has no stations. What a residual
-    /// network corrects counts as misfit and noise.
+    /// The fit of links and corrections, if the problem has corrections. Their terms are its last variables. What a residual network corrects
+    /// counts as misfit and noise.
     pub corrections: Option<&'a Fitted>,
     /// The misfit of the links, or of links and corrections.
     pub misfit: Misfit,
@@ -39,10 +37,10 @@ pub struct Session<'a> {
     pub watch: &'a Watch<'a>,
 }
 
-/// The columns of the wider problem.
+/// The columns of the wider problem: the variables of the session's problem, then the features of the misfit.
 pub(super) struct Columns {
     pub(super) n_parameters: usize,
-    n_stations: usize,
+    stations: Range<usize>,
     /// Terms of the corrections.
     pub(super) n_terms: usize,
     /// Features of the misfit: pairs of joints that may follow each other, harmonics of higher orders than the first, and the usual ones.
@@ -53,28 +51,12 @@ pub(super) struct Columns {
 
 impl Columns {
     pub(super) fn stations(&self) -> Range<usize> {
-        self.n_parameters..self.n_parameters + 6 * self.n_stations
+        self.stations.clone()
     }
 
-    pub(super) fn terms(&self) -> Range<usize> {
-        let first = self.stations().end;
-        first..first + self.n_terms
-    }
-
-    /// The variable of the session's problem in a column; `None` for stations and features.
-    pub(super) fn in_problem(&self, column: usize) -> Option<usize> {
-        let of_terms = || {
-            let from_terms = column.checked_sub(self.terms().start);
-            from_terms.filter(|term| *term < self.n_terms)
-        };
-        match column < self.n_parameters {
-            true => Some(column),
-            false => of_terms().map(|term| self.n_parameters + term),
-        }
-    }
-
+    /// Number of variables of the session's problem.
     pub(super) fn without_features(&self) -> usize {
-        self.terms().end
+        self.stations.end + self.n_terms
     }
 
     pub(super) fn higher(&self) -> Range<usize> {
@@ -104,17 +86,8 @@ pub(super) struct Rows<'a> {
     pub(super) session: &'a Session<'a>,
     pub(super) columns: Columns,
     pub(super) x: Vec<f64>,
-    /// The identified robot's coordinates in the session's problem, which has no stations.
-    pub(super) of_problem: Vec<f64>,
     /// The points of each configuration; positions and rotations form configurations of their own.
     points_of: Vec<Vec<Point>>,
-}
-
-/// Effect of a station's rotation on the rotation rows of a pose that was measured from it; `None` for positions.
-fn turned_by_station(model: &KinematicModel, o: &Observation) -> Option<Matrix3<f64>> {
-    let measured = o.rotation.as_ref()?;
-    let predicted = model.rotation(&o.q_rad, o.target)?;
-    Some(predicted.matrix().transpose() * (o.weight.sqrt() * measured.mm_per_rad))
 }
 
 /// Effect of the error that the points of a configuration share on their rows: rows = A·c, with one 3 × 3 block of A per point, the square root of its
@@ -141,7 +114,6 @@ impl<'a> Rows<'a> {
             model,
             problem,
             configurations,
-            stations,
             corrections,
             misfit,
             ..
@@ -163,24 +135,18 @@ impl<'a> Rows<'a> {
         let n_higher = misfit.n_higher_harmonics(model.links.len());
         let n_terms = corrections.as_ref().map_or(0, |of| of.terms.len());
         let columns = Columns {
-            n_parameters: problem.variables.len() - n_terms,
-            n_stations: stations.iter().flatten().map(|s| s + 1).max().unwrap_or(0),
+            n_parameters: problem.stations().start,
+            stations: problem.stations(),
             n_terms,
             n_followings: misfit.followings.len(),
             n_higher,
             n_usual: n_features - misfit.followings.len() - n_higher,
         };
         let value = |term: &_| corrections.map_or(0.0, |fitted| fitted.value(term));
-        let of_problem = problem.coordinates_with(model, value);
-        let mut x = vec![0.0; columns.without_features()];
-        let (of_parameters, of_terms) = of_problem.split_at(columns.n_parameters);
-        x[..columns.n_parameters].copy_from_slice(of_parameters);
-        x[columns.terms()].copy_from_slice(of_terms);
         Self {
             session,
             columns,
-            of_problem,
-            x,
+            x: problem.coordinates_with(model, value),
             points_of,
         }
     }
@@ -194,9 +160,7 @@ impl<'a> Rows<'a> {
     fn of(&self, points: &[Point]) -> (DMatrix<f64>, Vec<f64>) {
         let Session {
             model,
-            problem,
             observations,
-            stations,
             misfit,
             ..
         } = self.session;
@@ -229,52 +193,23 @@ impl<'a> Rows<'a> {
                     None => here.copy_from(&turns),
                 }
             }
-            // A displaced station moves everything that was measured from it.
-            if let Some(station) = stations[point.observation] {
-                let first = self.columns.n_parameters + 6 * station;
-                let turned = turned_by_station(model, o).filter(|_| point.is_rotation);
-                if let Some(turned) = turned {
-                    matrix
-                        .fixed_view_mut::<3, 3>(3 * k, first + 3)
-                        .copy_from(&turned);
-                    continue;
-                }
-                let from_base = o.position_mm - model.t_instrument_base.translation.vector;
-                for axis in 0..3 {
-                    let along = Vector3::ith(axis, o.weight.sqrt());
-                    let mut put = |column, v: Vector3<f64>| {
-                        let v = o.whitened(v);
-                        matrix.fixed_view_mut::<3, 1>(3 * k, column).copy_from(&v)
-                    };
-                    put(first + axis, along * problem.reach_mm);
-                    put(first + 3 + axis, along.cross(&from_base));
-                }
-                if let Some((coupling, turned)) = coupling.zip(turned_by_station(model, o)) {
-                    let mut here = matrix.fixed_view_mut::<3, 3>(3 * k, first + 3);
-                    here += coupling * turned;
-                }
-            }
         }
         (matrix, residuals)
     }
 
-    /// Fills the columns of parameters and terms, and returns the residuals.
+    /// Fills the columns of the problem's variables, and returns the residuals.
     fn of_model(&self, points: &[Point], matrix: &mut DMatrix<f64>) -> Vec<f64> {
-        let problem = self.session.problem;
-        let (p, n_terms) = (self.columns.n_parameters, self.columns.n_terms);
+        let (problem, p) = (self.session.problem, self.columns.without_features());
         let mut residuals = Vec::with_capacity(matrix.nrows());
         let part = problem.part(points.iter().map(|point| point.observation));
-        let mut of_blocks = DMatrix::zeros(part.n_rows(), p + n_terms);
+        let mut of_blocks = DMatrix::zeros(part.n_rows(), p);
         let mut left = vec![0.0; part.n_rows()];
-        part.evaluate(&self.of_problem, &mut left, Some(&mut of_blocks));
+        part.evaluate(&self.x, &mut left, Some(&mut of_blocks));
         for (k, point) in points.iter().enumerate() {
             let first = part.rows_of(k).start + 3 * usize::from(point.is_rotation);
             residuals.extend_from_slice(&left[first..first + 3]);
-            let mut to = matrix.rows_mut(3 * k, 3);
-            let from = of_blocks.rows(first, 3);
-            to.columns_mut(0, p).copy_from(&from.columns(0, p));
-            to.columns_mut(self.columns.terms().start, n_terms)
-                .copy_from(&from.columns(p, n_terms));
+            let mut to = matrix.view_mut((3 * k, 0), (3, p));
+            to.copy_from(&of_blocks.rows(first, 3));
         }
         residuals
     }
@@ -331,8 +266,7 @@ impl<'a> Rows<'a> {
             }
         }
         triangle.append(&some);
-        triangle.expect(self.session.problem, self.columns.n_parameters);
-        triangle.expect_zero(self.columns.terms());
+        triangle.expect(self.session.problem, self.columns.without_features());
         triangle.expect_zero(self.columns.higher());
         triangle.expect_zero(self.columns.usual());
         triangle

@@ -80,10 +80,7 @@ impl Rows<'_> {
         // Coordinates, noise and widths, with the features that have a standard deviation.
         let with = |stds_rad: [f64; 2], sigma_mm: f64| {
             let mut columns = flat.clone();
-            let width = |column: &usize| match self.columns.in_problem(*column) {
-                Some(variable) => priors.widths[variable],
-                None => Evidence::FLAT,
-            };
+            let width = |column: &usize| *priors.widths.get(*column).unwrap_or(&Evidence::FLAT);
             let mut evidence = Evidence {
                 sigma_mm,
                 widths: flat.iter().map(width).collect(),
