@@ -2,7 +2,7 @@
 
 use kincal::solvers::bpnn::{
     Network, Options, Termination, choose_size_and_train, error_and_gradient,
-    hidden_size_candidates, initial_network, mean_squared_error, train,
+    hidden_size_candidates, initial_network, mean_squared_error, train, train_from,
 };
 use kincal::solvers::random::LaneRandom;
 
@@ -136,6 +136,34 @@ fn the_back_propagated_gradient_agrees_with_central_differences() {
                 );
             }
         }
+    }
+}
+
+#[test]
+fn a_sample_of_weight_two_counts_like_two_samples() {
+    /// Both sums have the same terms in another order, over fifty updates.
+    const TOLERANCE: f64 = 1e-9;
+    let options = Options {
+        seed: 7,
+        n_epochs: 50,
+        ..Options::default()
+    };
+    let (mut inputs, mut targets) = (rows(11, 3, 12), rows(11, 2, 13));
+    let mut weights = vec![1.0; 11];
+    (weights[2], weights[5]) = (2.0, 0.0);
+    let first = initial_network(3, 4, 2, &options);
+    let (weighted, _) = train_from(first.clone(), &inputs, &targets, &weights, &options);
+    (inputs[5], targets[5]) = (inputs[2].clone(), targets[2].clone());
+    let (repeated, _) = train_from(first, &inputs, &targets, &[1.0; 11], &options);
+    for (a, b) in weighted
+        .evaluate_all(&inputs)
+        .iter()
+        .zip(repeated.evaluate_all(&inputs))
+    {
+        assert!(
+            a.iter().zip(&b).all(|(a, b)| (a - b).abs() < TOLERANCE),
+            "{a:?} and {b:?}"
+        );
     }
 }
 

@@ -34,10 +34,11 @@ pub(super) struct Tried {
     pub network: Option<ResidualNetwork>,
 }
 
-/// Poses and their residuals in the base frame, mm.
+/// Poses, their residuals in the base frame, mm, and their weights, of mean 1.
 struct Samples {
     poses: Vec<Vec<f64>>,
     left_mm: Vec<Vector3<f64>>,
+    weights: Vec<f64>,
 }
 
 /// Trains a network and evaluates it by cross-validation. `None` if there are too few samples, or if the residuals have no smooth part.
@@ -182,7 +183,10 @@ fn samples(
 ) -> Samples {
     let step = points.len().div_ceil(MAX_SAMPLES).max(1);
     let taken: Vec<usize> = points.iter().copied().step_by(step).collect();
+    let weight = |point: &usize| setting.observations[*point].weight;
+    let mean = taken.iter().map(weight).sum::<f64>() / taken.len() as f64;
     Samples {
+        weights: taken.iter().map(|point| weight(point) / mean).collect(),
         poses: taken
             .iter()
             .map(|point| setting.observations[*point].q_rad.clone())
@@ -200,14 +204,9 @@ fn train_residual_network(
 ) -> Option<ResidualNetwork> {
     let n_joints = samples.poses.first()?.len();
     let n = samples.poses.len() as f64;
-    let scale_mm = (samples
-        .left_mm
-        .iter()
-        .map(Vector3::norm_squared)
-        .sum::<f64>()
-        / (3.0 * n))
-        .sqrt()
-        .max(1e-6);
+    let squares = samples.left_mm.iter().zip(&samples.weights);
+    let sum: f64 = squares.map(|(left, w)| w * left.norm_squared()).sum();
+    let scale_mm = (sum / (3.0 * n)).sqrt().max(1e-6);
     let range = |joint: usize| {
         let values = samples.poses.iter().map(|q| q[joint]);
         values.fold((f64::MAX, f64::MIN), |(low, high), q| {
@@ -253,7 +252,7 @@ fn train_residual_network(
     let first = earlier
         .and_then(|earlier| remembered(earlier, &found))
         .unwrap_or_else(|| bpnn::initial_network(n_joints, HIDDEN, 3, &options));
-    let (network, _) = bpnn::train_from(first, &inputs, &targets, &options);
+    let (network, _) = bpnn::train_from(first, &inputs, &targets, &samples.weights, &options);
     let Network {
         hidden_weights,
         hidden_thresholds,

@@ -54,6 +54,8 @@ impl Samples {
 pub(super) struct Pass {
     n_samples: usize,
     n_blocks: usize,
+    /// Weight of each sample's squared errors; 0 for lanes beyond the last sample.
+    weights: Samples,
     hidden: Samples,
     outputs: Samples,
     /// d(error)/d(argument of the activation), output and hidden layer.
@@ -83,11 +85,20 @@ impl Gradient {
 }
 
 impl Pass {
+    /// For samples of equal weight.
     pub fn new(network: &Network, n_samples: usize) -> Self {
+        Self::weighted(network, &vec![1.0; n_samples])
+    }
+
+    /// For samples of these weights.
+    pub fn weighted(network: &Network, weights: &[f64]) -> Self {
+        let n_samples = weights.len();
         let n_blocks = n_samples.div_ceil(LANES);
+        let weights: Vec<Vec<f64>> = weights.iter().map(|weight| vec![*weight]).collect();
         Self {
             n_samples,
             n_blocks,
+            weights: Samples::from_rows(&weights, 1),
             hidden: Samples::zeros(n_blocks, network.n_hidden),
             outputs: Samples::zeros(n_blocks, network.n_outputs),
             output_deltas: Samples::zeros(n_blocks, network.n_outputs),
@@ -187,28 +198,22 @@ fn activate(values: &mut [Lanes]) {
     }
 }
 
-/// Mean squared error. Its derivative by the arguments of the output activation is stored in `pass`.
+/// Weighted mean squared error. Its derivative by the arguments of the output activation is stored in `pass`.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2+fma"))]
 fn output_deltas(network: &Network, targets: &Samples, pass: &mut Pass) -> f64 {
     let n_outputs = network.n_outputs;
     let share = 1.0 / (pass.n_samples * n_outputs) as f64;
     let mut squares = [0.0; LANES];
     for block in 0..pass.n_blocks {
-        // Lanes beyond the last sample are ignored.
-        let used: Lanes = std::array::from_fn(|lane| {
-            if block * LANES + lane < pass.n_samples {
-                1.0
-            } else {
-                0.0
-            }
-        });
+        let weights = &pass.weights.values[block];
         for value in block * n_outputs..(block + 1) * n_outputs {
             let (answer, target) = (&pass.outputs.values[value], &targets.values[value]);
             let delta = &mut pass.output_deltas.values[value];
             for lane in 0..LANES {
-                let error = (answer[lane] - target[lane]) * used[lane];
-                squares[lane] = error.mul_add(error, squares[lane]);
-                delta[lane] = 2.0 * share * error;
+                let error = answer[lane] - target[lane];
+                let weighted = error * weights[lane];
+                squares[lane] = weighted.mul_add(error, squares[lane]);
+                delta[lane] = 2.0 * share * weighted;
             }
         }
     }

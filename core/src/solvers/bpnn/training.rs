@@ -116,11 +116,12 @@ pub fn train(
         initial_network(inputs[0].len(), n_hidden, targets[0].len(), options),
         inputs,
         targets,
+        &vec![1.0; inputs.len()],
         options,
     )
 }
 
-/// As [`train`], starting from an existing network.
+/// As [`train`], starting from an existing network. Each sample's squared errors count with its weight.
 ///
 /// # Panics
 /// As [`train`], and when rows do not fit the network.
@@ -128,11 +129,12 @@ pub fn train_from(
     mut network: Network,
     inputs: &[Vec<f64>],
     targets: &[Vec<f64>],
+    weights: &[f64],
     options: &Options,
 ) -> (Network, TrainingSummary) {
     assert!(
-        !inputs.is_empty() && inputs.len() == targets.len(),
-        "at least one input, and one target per input"
+        !inputs.is_empty() && inputs.len() == targets.len() && inputs.len() == weights.len(),
+        "at least one input, and one target and weight per input"
     );
     let (n_inputs, n_outputs) = (network.n_inputs, network.n_outputs);
     assert!(
@@ -140,7 +142,7 @@ pub fn train_from(
             && targets.iter().all(|row| row.len() == n_outputs),
         "rows of one length"
     );
-    let (mut pass, mut gradient) = (Pass::new(&network, inputs.len()), Gradient::zeros(&network));
+    let (mut pass, mut gradient) = (Pass::weighted(&network, weights), Gradient::zeros(&network));
     let (inputs, targets) = (
         Samples::from_rows(inputs, n_inputs),
         Samples::from_rows(targets, n_outputs),
