@@ -2,11 +2,13 @@
 
 use crate::data::{paper_robot, real_data, robot};
 use crate::simulation::{
-    Campaign, NonlinearErrors, Normal, found, identified, nonlinear_set, poses,
+    Campaign, NonlinearErrors, Normal, found, identified, measure, nonlinear_set, poses,
     position_in_gravity, true_robot,
 };
 use kincal::calibration::request::{CorrectionsChoice, VerifySource};
-use kincal::calibration::{CalibrationReport, CalibrationRequest, Preset, calibrate, verify};
+use kincal::calibration::{
+    CalibrationReport, CalibrationRequest, NO_FIT, Preset, calibrate, verify,
+};
 use kincal::identification::KinematicModel;
 use kincal::identification::corrections::corrected::{CorrectedModel, IdentifiedRobot};
 use kincal::identification::least_squares::problem::{CorrectionWidths, Problem, Unknown};
@@ -17,7 +19,7 @@ use kincal::identification::model::parameters::{
     Parameter, complete_parameters, rotation_exp, target_rotation_parameters,
 };
 use kincal::identification::model::pose_rows::MeasuredRotation;
-use kincal::kinematics::{Corrections, MeasuredRegion, Mounting, ResidualNetwork};
+use kincal::kinematics::{Corrections, MeasuredRegion, Mounting, ResidualNetwork, reach_mm};
 use kincal::measurement::table::own_form;
 use kincal::measurement::{Frame, MeasurementSet, Point, Subset};
 use nalgebra::{DMatrix, DVector, Rotation3, Vector3};
@@ -179,6 +181,43 @@ fn the_residual_network_is_turned_with_the_base() {
         let difference = (position(step) - position(-step)) / 2e-6;
         let off = (difference - pose.at.base_rotation.column(axis)).norm();
         assert!(off < 1e-6 * difference.norm(), "axis {axis}: {off}");
+    }
+}
+
+/// Sag of 1 mrad for a moment of 1 kg at 1 m bends an arm of 2 m by millimetres: much more than links can say, and still the same robot.
+#[test]
+fn strong_sag_is_a_correction_and_no_robot_that_does_not_fit() {
+    let mut robot = paper_robot();
+    let larger = 2000.0 / reach_mm(&robot.links);
+    for link in &mut robot.links {
+        (link.a_mm, link.d_mm) = (link.a_mm * larger, link.d_mm * larger);
+    }
+    let sagging = Campaign {
+        n_configurations: 60,
+        sag_rad: 1e-3,
+        ..Campaign::PLAIN
+    };
+    for seed in 0..8 {
+        let mut random = Normal::new(3300 + seed);
+        let truth = true_robot(&robot, 1, &mut random);
+        let set = measure(&truth, &poses(60, &mut random), &sagging, &mut random);
+        let report = run(&CalibrationRequest {
+            verify: VerifySource::Fraction(0.5),
+            ..CalibrationRequest::new(robot.clone(), set)
+        });
+        let [links_mm, corrected_mm] = {
+            let verify = report.verify.unwrap();
+            [
+                verify.after.rms_mm,
+                verify.corrected.map_or(f64::NAN, |c| c.rms_mm),
+            ]
+        };
+        let codes: Vec<&str> = report.warnings.iter().map(|w| w.code).collect();
+        println!("seed {seed}: links {links_mm:.3} mm, corrected {corrected_mm:.4} mm, {codes:?}");
+        assert!(
+            !codes.contains(&NO_FIT) && corrected_mm < 0.1,
+            "seed {seed}: {codes:?}"
+        );
     }
 }
 

@@ -1,6 +1,7 @@
 //! The numeric core: kinematics, solvers, identification, corrections, compensation, planning, exchange, calibration.
 
 mod alignment;
+mod axis_reflector;
 mod cartesian;
 mod central_differences;
 mod changes;
