@@ -86,6 +86,7 @@ fn swarm(criterion: &mut Criterion) {
             run_swarm(
                 &space,
                 black_box(&observations),
+                None,
                 &options,
                 None,
                 &mut |_| ControlFlow::Continue(()),

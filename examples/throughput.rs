@@ -45,6 +45,7 @@ fn main() -> anyhow::Result<()> {
         let summary = run_swarm(
             &space,
             black_box(&observations),
+            None,
             &options,
             None,
             &mut |_| ControlFlow::Continue(()),

@@ -65,6 +65,7 @@ fn a_swarm_iteration_allocates_nothing() {
                 drop(run_swarm(
                     &space,
                     &observations,
+                    None,
                     &options,
                     None,
                     &mut |_| ControlFlow::Continue(()),

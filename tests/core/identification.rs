@@ -991,6 +991,7 @@ fn the_yardsticks_swarm_ends_where_the_services_does() {
     let summary = run_swarm(
         &space,
         &observations,
+        None,
         &pso::Options::default(),
         None,
         &mut |_| ControlFlow::Continue(()),

@@ -9,7 +9,7 @@ use crate::identification::model::objective::Observation;
 use crate::identification::model::search_space::SearchSpace;
 use crate::identification::search::bpnn_pso;
 use crate::identification::search::bpnn_pso::links_from_nominal;
-use crate::identification::search::swarm::run_bounded_swarm;
+use crate::identification::search::swarm::run_swarm;
 use crate::solvers::pso;
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 
@@ -59,7 +59,7 @@ pub fn swarm(
             best_cost_mm2: i.best_cost,
         })
     };
-    let summary = run_bounded_swarm(
+    let summary = run_swarm(
         &space,
         &identify,
         problem.loss.bound(),

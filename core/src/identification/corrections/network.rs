@@ -206,7 +206,7 @@ fn train_residual_network(
     let n = samples.poses.len() as f64;
     let squares = samples.left_mm.iter().zip(&samples.weights);
     let sum: f64 = squares.map(|(left, w)| w * left.norm_squared()).sum();
-    let scale_mm = (sum / (3.0 * n)).sqrt().max(1e-6);
+    let scale_mm = (sum / (3.0 * n)).sqrt().max(f64::MIN_POSITIVE);
     let range = |joint: usize| {
         let values = samples.poses.iter().map(|q| q[joint]);
         values.fold((f64::MAX, f64::MIN), |(low, high), q| {

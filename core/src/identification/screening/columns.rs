@@ -25,7 +25,7 @@ impl Columns {
     /// The columns at a fitted model.
     pub fn new(model: &KinematicModel, observations: &[Observation]) -> Self {
         let centre = centre_mm(observations);
-        let size = spread_mm(observations, &centre).max(1.0);
+        let size = spread_mm(observations, &centre).max(f64::MIN_POSITIVE);
         let base = |o: &Observation| {
             let root = o.weight.sqrt();
             let arm = (o.position_mm - centre).cross_matrix() * (-1.0 / size);

@@ -358,19 +358,9 @@ fn combine_coordinates(
     }
 }
 
-/// Runs the swarm [Gao 2018, eq. 9, 10] in a search space; `move_particles` as in [`pso::minimize`].
+/// Runs the swarm [Gao 2018, eq. 9, 10] in a search space; `move_particles` as in [`pso::minimize`]. `bound` bounds the cost of one pose, for a
+/// robust loss.
 pub fn run_swarm(
-    space: &SearchSpace,
-    observations: &[Observation],
-    options: &pso::Options,
-    move_particles: Option<&mut pso::MoveParticles<'_>>,
-    monitor: &mut pso::Monitor<'_>,
-) -> pso::Summary {
-    run_bounded_swarm(space, observations, None, options, move_particles, monitor)
-}
-
-/// As [`run_swarm`], with a loss that bounds the cost of one pose.
-pub fn run_bounded_swarm(
     space: &SearchSpace,
     observations: &[Observation],
     bound: Option<Bound>,
