@@ -355,6 +355,29 @@ fn a_wide_prior_changes_nothing_and_a_narrow_one_holds() {
     assert!(warned(&exact, "prior_contradicted"));
 }
 
+/// Corrections are variables of the same problem, so that the stated priors hold for the links that are fitted with them.
+#[test]
+fn corrections_are_fitted_beside_stated_priors() {
+    let robot = paper_robot();
+    let sagging = Campaign {
+        sag_rad: 5e-4,
+        ..Campaign::PLAIN
+    };
+    let mut random = Normal::new(61);
+    let truth = robot_of_the_priors(&robot, 1, &mut random);
+    let set = measure(&truth, &poses(60, &mut random), &sagging, &mut random);
+    let with = |priors: Vec<ParameterPrior>| {
+        let report = run(&CalibrationRequest {
+            priors,
+            ..CalibrationRequest::new(robot.clone(), set.clone())
+        });
+        report.corrected.expect("sag is corrected").model.links[2].a_mm - robot.links[2].a_mm
+    };
+    let (free_mm, held_mm) = (with(vec![]), with(vec![prior("a_3", 1e-3)]));
+    println!("a_3 with corrections: {free_mm:.4} mm, {held_mm:.5} mm with a prior of 0.001 mm");
+    assert!(free_mm.abs() > 0.02 && held_mm.abs() < 3e-3);
+}
+
 #[test]
 fn what_points_cannot_see_stays_where_its_prior_has_it_with_the_uncertainty_of_the_prior() {
     // With the target on its axis, positions do not depend on the last joint's offset.

@@ -108,7 +108,11 @@ fn calibrate_points<'a>(
     found.model.links = with_angles_near_nominal(found.model.links, &problem.nominal.links);
     let too_small = larger_model::warning(&problem, &found.model, &mut quiet(monitor))?;
     let are_wanted = corrections::are_wanted(request.corrections, request.preset);
-    let corrections = match are_wanted && problem.priors.is_none() {
+    let is_bounded = problem
+        .priors
+        .as_ref()
+        .is_some_and(|known| known.priors.has_bounds());
+    let corrections = match are_wanted && !is_bounded {
         true => stage(monitor, "corrections", |monitor| {
             Ok(Some(corrections::corrections(
                 &problem,
@@ -161,7 +165,7 @@ fn calibrate_points<'a>(
     report.warnings.extend(too_small);
     report
         .warnings
-        .extend((are_wanted && problem.priors.is_some()).then(corrections::left_out_for_priors));
+        .extend((are_wanted && is_bounded).then(corrections::left_out_for_bounds));
     // An estimate with stated priors does not depend on this session alone.
     let fitted = delivered.as_ref().filter(|_| request.priors.is_empty());
     report.estimate = fitted.and_then(|fit| fit.estimate.clone());

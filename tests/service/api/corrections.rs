@@ -398,10 +398,11 @@ async fn another_payload_moves_predictions_and_corrected_targets_the_way_it_move
 }
 
 #[tokio::test]
-async fn beside_priors_corrections_are_left_out_and_the_report_says_so() {
+async fn beside_bounds_corrections_are_left_out_and_the_report_says_so() {
     let cell = measured(43).await;
+    let bounded = json!([{"name": "a_3", "std": 0.5, "min": 780.0}]);
     let (report, set) = cell
-        .identify(json!({"parameters": {"priors": [{"name": "a_3", "std": 0.5}]}}))
+        .identify(json!({"parameters": {"priors": bounded}}))
         .await;
     assert!(
         report.get("corrections").is_none(),
@@ -426,11 +427,14 @@ async fn beside_priors_corrections_are_left_out_and_the_report_says_so() {
             .is_none()
     );
     let (asked_off, _) = cell
-        .identify(
-            json!({"corrections": "off", "parameters": {"priors": [{"name": "a_3", "std": 0.5}]}}),
-        )
+        .identify(json!({"corrections": "off", "parameters": {"priors": bounded}}))
         .await;
     assert_eq!(n_warnings(&asked_off), 0, "nobody asked for any");
+    let (unbounded, _) = cell
+        .identify(json!({"parameters": {"priors": [{"name": "a_3", "std": 0.5}]}}))
+        .await;
+    assert_eq!(n_warnings(&unbounded), 0, "{}", unbounded["warnings"]);
+    assert!(unbounded.get("corrections").is_some());
 }
 
 /// Groups of neighbouring poses, each group with its own error: neighbours predict a pose well, so corrections win

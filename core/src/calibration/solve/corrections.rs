@@ -208,11 +208,10 @@ fn gives_against_gravity(problem: &Problem<'_>, found: &Found) -> bool {
     found.evidence.iter().any(is_clear) && problem.identify.iter().map(of_pose).sum::<f64>() < 0.0
 }
 
-/// Warning: no corrections were searched for, because priors are stated.
-pub fn left_out_for_priors() -> Warning {
-    // Stated bounds and means of links have not been tested together with corrections on a measured robot.
-    let detail = "what links cannot say (sag, couplings, harmonics, the residual network) was not looked for, because parameters have priors: \
-                  `links_with_corrections` would not keep to them. The set predicts by its links alone; leave `priors` out to have corrections";
+/// Warning: no corrections were searched for, because bounds are stated.
+pub fn left_out_for_bounds() -> Warning {
+    let detail = "what links cannot say (sag, couplings, harmonics, the residual network) was not looked for, because parameters have bounds: \
+                  `links_with_corrections` would not keep to them. The set predicts by its links alone; leave `min` and `max` out to have corrections";
     Warning::new("corrections_left_out", detail)
 }
 

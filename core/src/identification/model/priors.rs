@@ -107,6 +107,12 @@ impl Priors {
             .collect()
     }
 
+    /// True if a parameter has a bound.
+    pub fn has_bounds(&self) -> bool {
+        let is_bounded = |prior: &Prior| prior.min.is_finite() || prior.max.is_finite();
+        self.all.iter().any(is_bounded)
+    }
+
     /// Cost of the priors at a model, mm².
     pub fn cost_mm2(&self, model: &KinematicModel) -> f64 {
         self.from(model).cost_mm2(&vec![0.0; self.parameters.len()])
