@@ -4,10 +4,10 @@ use crate::central_differences::assert_derivatives;
 use crate::data::paper_robot;
 use crate::simulation::{
     Campaign, Normal, found, limited, links_alone, measure, poses, robot_of_the_priors,
-    tool_intervals_held,
+    tool_intervals_held, true_robot,
 };
 use crate::trackers::{Instrument, Measured, measured, points_of};
-use kincal::calibration::request::Loss;
+use kincal::calibration::request::{CorrectionsChoice, Loss};
 use kincal::calibration::{CalibrationReport, CalibrationRequest, Preset, calibrate, verify};
 use kincal::identification::KinematicModel;
 use kincal::identification::corrections::corrected::IdentifiedRobot;
@@ -358,4 +358,38 @@ fn coarse_points_whose_noise_is_stated_fit() {
         println!("stated {is_stated}: {}", report.method_reason);
         assert_eq!(is_fit, is_stated, "{:?}", report.warnings);
     }
+}
+
+/// A file of whole millimetres says nothing about tenths, however well a few of its points are fitted.
+#[test]
+fn the_noise_is_not_below_the_rounding_of_the_file() {
+    let robot = paper_robot();
+    let (mut least, mut sum_mm2) = (f64::INFINITY, 0.0);
+    for seed in 0..12 {
+        let mut random = Normal::new(5200 + seed);
+        let truth = true_robot(&robot, 1, &mut random);
+        let q_rad = poses(12, &mut random);
+        let mut set = measure(&truth, &q_rad, &Campaign::PLAIN, &mut random);
+        set.points
+            .iter_mut()
+            .for_each(|p| p.position_mm = p.position_mm.map(f64::round));
+        let request = CalibrationRequest {
+            corrections: Some(CorrectionsChoice::Off),
+            ..CalibrationRequest::new(robot.clone(), set)
+        };
+        let report = calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
+        let stated = report
+            .estimate
+            .as_ref()
+            .map(|estimate| estimate.noise.std_mm);
+        least = stated.unwrap_or(f64::INFINITY).min(least);
+        let model = found(&report);
+        let unseen = poses(100, &mut random);
+        let squares = unseen
+            .iter()
+            .map(|q| (model.position(q, 0) - truth.position(q, 0)).norm_squared());
+        sum_mm2 += squares.sum::<f64>() / 1200.0;
+    }
+    println!("least noise {least:.4} mm, unseen {:.4} mm", sum_mm2.sqrt());
+    assert!(least >= 1.0 / 12f64.sqrt());
 }

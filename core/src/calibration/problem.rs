@@ -41,8 +41,8 @@ pub struct Problem<'a> {
     pub decomposition: Decomposition,
     /// Priors that the request states.
     pub priors: Option<StatedPriors>,
-    /// Stated noise of a row of weight 1, mm: the lower bound of the estimated noise. `None` if rows were not weighed by their noise, or if a fitted
-    /// point states none.
+    /// Lower bound of the estimated noise of a row of weight 1, mm: the rounding of the file or, if rows are weighed by their noise and every fitted
+    /// point states it, the stated noise. `None` if there is neither.
     pub least_sigma_mm: Option<f64>,
 }
 

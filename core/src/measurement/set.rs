@@ -198,6 +198,16 @@ impl MeasurementSet {
         numbers.into_values().collect::<BTreeSet<_>>().len()
     }
 
+    /// Standard deviation of a coordinate by its rounding in the file, mm: a step of the last decimal place over √12. `None` if the
+    /// positions have more than six decimal places of a millimetre.
+    pub fn rounding_std_mm(&self) -> Option<f64> {
+        let coordinates = || self.points.iter().flat_map(|p| p.position_mm.iter());
+        let is_rounded = |x: f64| (x - x.round()).abs() < ROUNDED;
+        let mut steps = STEPS_PER_MM.into_iter();
+        let per_mm = steps.find(|per_mm| coordinates().all(|x| is_rounded(x * per_mm)))?;
+        Some(1.0 / (per_mm * 12f64.sqrt()))
+    }
+
     /// True if the stated noise of any position is anisotropic.
     pub fn has_uneven_noise(&self) -> bool {
         let noise = self.points.iter().filter_map(|p| p.position_noise);
@@ -265,6 +275,10 @@ pub(super) fn numbered<'n>(names: impl Iterator<Item = &'n str>) -> (Vec<usize>,
 /// Rows are one configuration if every joint value differs by less than this, rad (0.05°); used for files without labels. The readings of a
 /// robot at standstill vary a little from row to row, and two poses this close give the same information about the robot.
 pub const SAME_JOINT_RAD: f64 = 8.7e-4;
+/// Steps to a millimetre at which rounding is looked for.
+const STEPS_PER_MM: [f64; 7] = [1.0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6];
+/// A number counts as rounded if it differs from the rounded one by less than this share of the last place.
+const ROUNDED: f64 = 1e-4;
 
 /// The first row of each configuration found so far, with several indexes for a fast lookup. The keys are a weighted sum of the joint values, and
 /// each joint value itself. Every key is divided into cells; the keys of equal joint values differ by less than one cell. The lookup uses the index

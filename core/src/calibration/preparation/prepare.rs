@@ -60,7 +60,7 @@ impl<'a> Problem<'a> {
             nominal,
             decomposition,
             priors,
-            least_sigma_mm: None,
+            least_sigma_mm: request.set.rounding_std_mm(),
         };
         weigh(&mut problem, watch)?;
         problem.priors = stated_priors(&problem, watch)?;

@@ -211,7 +211,8 @@ fn apply(problem: &mut Problem<'_>, noise: &Noise, is_by_direction: bool) {
         );
     }
     problem.identify = problem.observed.of(Subset::Identify);
-    problem.least_sigma_mm = least_sigma_mm(set, &fitted);
+    let least = [least_sigma_mm(set, &fitted), set.rounding_std_mm()];
+    problem.least_sigma_mm = least.into_iter().flatten().reduce(f64::max);
 }
 
 /// Whitens each point's stated noise plus an isotropic part `beside_mm`. The noise is stated in the measuring frame. `to_measuring`
