@@ -77,7 +77,7 @@ fn calibrate_points<'a>(
         ),
     })?;
     let mut own = comparison_row(&problem, method.as_str(), method.as_str(), &found, None);
-    let mut problem = problem.with_stations_moved(&found.stations);
+    let mut problem = problem.with_stations_moved(&found.station_motions);
     let of_method = found.model.clone();
     let network = match (&found.swarm, method) {
         // The network predicts link parameters. Without free link parameters there is nothing to train.
@@ -103,7 +103,7 @@ fn calibrate_points<'a>(
             least_squares_from(&problem, &found.model, None, &mut quiet(monitor))
         })?;
         found.model = refined.model;
-        problem = problem.with_stations_moved(&refined.stations);
+        problem = problem.with_stations_moved(&refined.station_motions);
     }
     found.model.links = with_angles_near_nominal(found.model.links, &problem.nominal.links);
     let too_small = larger_model::warning(&problem, &found.model, &mut quiet(monitor))?;
@@ -243,8 +243,8 @@ fn comparison_row(
     found: &Found,
     layout: Option<&Layout<'_>>,
 ) -> MethodComparison {
-    let is_moved = !found.stations.is_empty();
-    let moved = is_moved.then(|| problem.clone().with_stations_moved(&found.stations));
+    let is_moved = !found.station_motions.is_empty();
+    let moved = is_moved.then(|| problem.clone().with_stations_moved(&found.station_motions));
     let problem = moved.as_ref().unwrap_or(problem);
     MethodComparison {
         method,

@@ -2,13 +2,13 @@
 
 use crate::calibration::preparation::arrangement::Arrangement;
 use crate::calibration::preparation::loss::PointLoss;
-use crate::calibration::preparation::observe::Observed;
+use crate::calibration::preparation::observe::{Observed, placed};
 use crate::calibration::preparation::screening::Screening;
 use crate::calibration::request::{CalibrationRequest, Model};
 use crate::calibration::settings::Settings;
 use crate::identification::least_squares::linearisation::decomposition_at;
 use crate::identification::model::identifiability::Decomposition;
-use crate::identification::model::objective::Observation;
+use crate::identification::model::objective::{Observation, with_weight};
 use crate::identification::model::parameters::{Parameter, quantity_mut};
 use crate::identification::model::priors::Priors;
 use crate::identification::{KinematicModel, TrainedNetwork};
@@ -53,6 +53,8 @@ pub struct StatedPriors {
     pub priors: Priors,
     /// The model fitted to the points alone.
     pub alone: KinematicModel,
+    /// F of that model at its points, with its own placement of the stations, mm².
+    pub alone_cost_mm2: f64,
 }
 
 impl Problem<'_> {
@@ -114,14 +116,22 @@ impl Problem<'_> {
             .collect()
     }
 
-    /// The same problem with the points of each station moved. `motions` has those of all stations, or none.
+    /// The same problem with the points of each station moved, and the nominal robot placed on them. A station without a motion stays.
     pub fn with_stations_moved(mut self, motions: &[IsometryMatrix3<f64>]) -> Self {
         if !motions.is_empty() {
             self.arrangement.move_stations(motions);
             self.arrangement.apply(&mut self.observed);
             self.identify = self.observed.of(Subset::Identify);
+            let links = self.nominal.links.clone();
+            let n_targets = self.screening.targets.len();
+            self.nominal = placed(self.request, links, &with_weight(&self.identify), n_targets);
         }
         self
+    }
+
+    /// Number of variables of the stations of the identify points.
+    pub fn n_station_variables(&self) -> usize {
+        self.rows(&self.identify, &[]).station_variables().len()
     }
 
     /// The network that the job may start from.

@@ -122,7 +122,7 @@ pub fn estimate_with_noise(
         return Ok(None);
     }
     let problem = problem
-        .with_stations_moved(&found.stations)
+        .with_stations_moved(&found.station_motions)
         .with_tool_of(&found.model);
     let uncertainty = watched(monitor, |watch| stated(&problem, &found.model, watch))?;
     let noise = problem.noise(&found.model);

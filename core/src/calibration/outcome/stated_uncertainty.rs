@@ -159,9 +159,9 @@ pub fn no_redundancy_warning(problem: &Problem<'_>) -> Option<Warning> {
     })
 }
 
-/// Number of equations and rank, if there are no more equations than the rank. Repeated poses do not add equations: they show only the repeatability.
+/// Number of equations and of combinations that they determine, with six for each station, if there are no more equations than those. Repeated poses do not add equations: they show only the repeatability.
 pub fn without_redundancy(problem: &Problem<'_>) -> Option<(usize, usize)> {
-    let rank = problem.decomposition.rank();
+    let rank = problem.decomposition.rank() + problem.n_station_variables();
     let equations = n_equations(&with_weight(&problem.identify), rank + 1);
     (equations <= rank).then_some((equations, rank))
 }

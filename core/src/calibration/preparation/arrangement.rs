@@ -193,7 +193,7 @@ impl Arrangement {
         }
     }
 
-    /// Moves the points of each station. `motions` has those of all stations, or none.
+    /// Moves the points of each station. A station without a motion stays.
     pub fn move_stations(&mut self, motions: &[IsometryMatrix3<f64>]) {
         for setup in 0..self.motions.len() {
             let motion = self.station(setup).and_then(|station| motions.get(station));

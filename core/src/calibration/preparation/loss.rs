@@ -6,7 +6,7 @@ use crate::calibration::{Error, unusable};
 use crate::identification::KinematicModel;
 use crate::identification::least_squares::estimate::FitSummary;
 use crate::identification::model::objective::{
-    Observation, one_after_other, squared_rows_mm2, with_stations_moved,
+    Observation, composed_motions, squared_rows_mm2, with_stations_moved,
 };
 use crate::identification::model::pose_rows::{MeasuredRotation, rotation_residual_rad};
 use crate::kinematics::batch::Bound;
@@ -191,7 +191,7 @@ pub fn robust_fit(
         loss.cost(model, points) + (least_squares.prior_cost_mm2)(model)
     };
     let mut found = approach(start, least_squares, trusted, loss);
-    let mut points = with_stations_moved(observations, &found.stations);
+    let mut points = with_stations_moved(observations, &found.station_motions);
     found.convergence_mm2 = vec![cost_of(&found.model, &points)];
     while found.n_iterations < MAX_REWEIGHTINGS {
         let before = found.convergence_mm2[found.n_iterations];
@@ -208,14 +208,14 @@ pub fn robust_fit(
         }
         let reweighted = loss.reweighted(&found.model, &points);
         let fit = (least_squares.fit)(&found.model, &reweighted);
-        let moved = with_stations_moved(&points, &fit.stations);
+        let moved = with_stations_moved(&points, &fit.station_motions);
         let after = cost_of(&fit.model, &moved);
         found.n_iterations += 1;
         found.n_evaluations += fit.n_evaluations;
         found.convergence_mm2.push(before.min(after));
         if after < before {
             found.model = fit.model;
-            found.stations = one_after_other(&found.stations, &fit.stations);
+            found.station_motions = composed_motions(&found.station_motions, &fit.station_motions);
             points = moved;
         }
         if after > before * (1.0 - SMALLEST_GAIN) {
@@ -236,7 +236,7 @@ fn approach(
 ) -> FitSummary {
     let mut found = FitSummary {
         model: start.clone(),
-        stations: vec![],
+        station_motions: vec![],
         n_iterations: 0,
         n_evaluations: 0,
         convergence_mm2: vec![],
@@ -261,8 +261,8 @@ fn approach(
         let reweighted =
             PointLoss::Bounded { loss, scale_mm: at }.reweighted(&found.model, &points);
         let fit = (least_squares.fit)(&found.model, &reweighted);
-        points = with_stations_moved(&points, &fit.stations);
-        found.stations = one_after_other(&found.stations, &fit.stations);
+        points = with_stations_moved(&points, &fit.station_motions);
+        found.station_motions = composed_motions(&found.station_motions, &fit.station_motions);
         found.n_evaluations += fit.n_evaluations;
         found.model = fit.model;
         at /= SCALE_STEP;

@@ -138,7 +138,7 @@ pub fn fit_motions(
         }
     };
     let n_of = |station: usize| fitted.iter().filter(|o| o.station == Some(station)).count();
-    let stations = fit.stations.into_iter().enumerate();
+    let stations = fit.station_motions.into_iter().enumerate();
     let motions: Vec<IsometryMatrix3<f64>> = stations
         .map(|(station, motion)| match n_of(station) < MIN_OF_SETUP {
             true => IsometryMatrix3::identity(),

@@ -11,7 +11,7 @@ use crate::calibration::unusable;
 use crate::identification::KinematicModel;
 use crate::identification::least_squares::estimate::estimate;
 use crate::identification::least_squares::multistart::best_start;
-use crate::identification::model::objective::cost;
+use crate::identification::model::objective::{cost, with_stations_moved};
 use crate::identification::model::parameters::Parameter;
 use crate::identification::model::priors::{Prior, Priors};
 use crate::identification::statistics::distributions::f_tail;
@@ -203,6 +203,10 @@ pub fn stated_priors(
     priors.scale_mm = with.evidence.sigma_mm;
     Ok(Some(StatedPriors {
         priors,
+        alone_cost_mm2: cost(
+            &alone.model,
+            &with_stations_moved(&trusted, &alone.station_motions),
+        ),
         alone: alone.model,
     }))
 }
@@ -271,8 +275,9 @@ pub fn warnings(problem: &Problem<'_>, model: &KinematicModel) -> Vec<Warning> {
     let with_weight = trusted.iter().filter(|o| o.weight > 0.0).count();
     let rows = trusted.iter().filter(|o| o.weight > 0.0);
     let n_rows: usize = rows.map(|o| o.n_rows(model)).sum();
-    let freedom = n_rows as f64 - problem.decomposition.rank() as f64;
-    let (with, without) = (cost(model, &trusted), cost(&known.alone, &trusted));
+    let n_unknowns = problem.decomposition.rank() + problem.n_station_variables();
+    let freedom = n_rows as f64 - n_unknowns as f64;
+    let (with, without) = (cost(model, &trusted), known.alone_cost_mm2);
     if freedom < 1.0 {
         return warnings;
     }

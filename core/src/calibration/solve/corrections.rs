@@ -50,7 +50,7 @@ impl Found {
     /// motions than for the links alone.
     pub fn placed(&self, problem: &Problem<'_>) -> Vec<Observation> {
         let fitted = self.fitted.as_ref();
-        let motions = fitted.map_or(&[][..], |fitted| &fitted.stations);
+        let motions = fitted.map_or(&[][..], |fitted| &fitted.station_motions);
         with_stations_moved(&problem.observed.all, motions)
     }
 }
@@ -85,7 +85,8 @@ impl Points {
     /// σ² of the links alone, mm²; `None` if nothing is left to explain.
     fn variance(&self, problem: &Problem<'_>, model: &KinematicModel) -> Option<f64> {
         let rows = weighted_residuals(model, &self.observations);
-        let freedom = rows.len() as f64 - problem.decomposition.rank() as f64;
+        let n_unknowns = problem.decomposition.rank() + problem.n_station_variables();
+        let freedom = rows.len() as f64 - n_unknowns as f64;
         let variance = rows.norm_squared() / freedom;
         let noise_mm =
             stated_scale_mm(&problem.request.set).max(EXACT_PER_REACH * reach_mm(&model.links));

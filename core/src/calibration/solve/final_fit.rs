@@ -105,7 +105,7 @@ pub fn final_fit<'a>(
         ),
         true => {
             let fit = least_squares_from(&problem, model, None, &mut quiet(monitor))?;
-            problem = problem.with_stations_moved(&fit.stations);
+            problem = problem.with_stations_moved(&fit.station_motions);
             let refit = |found| corrections::refit(&problem, &fit.model, found, monitor);
             let refitted = corrections.and_then(refit);
             // Compares both fits in the same way: by the links alone, if the corrections cannot be fitted again.
@@ -176,12 +176,15 @@ fn subsets_differ(all_mm: f64, identify_mm: f64) -> Warning {
 
 impl<'a> Problem<'a> {
     /// The same problem with all points of the upload as identify points. Left-out outliers and points in segments without identify points have
-    /// weight 0. Motions between set-ups are fitted to all points.
+    /// weight 0. Motions between set-ups are fitted to all points. Without points to verify, it is the verified problem itself.
     pub fn over_all_points(
         &self,
         model: &KinematicModel,
         watch: &Watch<'_>,
     ) -> Result<Self, Error> {
+        if !self.observed.subsets.contains(&Subset::Verify) {
+            return Ok(self.clone().decomposed_with_tool_of(model));
+        }
         let mut observed = self.observed.clone();
         observed.subsets.fill(Subset::Identify);
         let outliers = self.screening.outliers.iter().map(|outlier| outlier.row);
@@ -223,7 +226,7 @@ fn corrected_errors(
     }
     let points = Points::new(problem, links_alone);
     let setting = setting(problem, &points);
-    let placed = with_stations_moved(&points.observations, &fitted.stations);
+    let placed = with_stations_moved(&points.observations, &fitted.station_motions);
     let mut rows = problem.rows(&placed, &[]);
     rows.reference = setting.links.reference.clone();
     let known = (setting.mounting, setting.payload);

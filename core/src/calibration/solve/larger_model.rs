@@ -51,7 +51,10 @@ pub fn warning(
         Err(cancelled) => return Err(cancelled),
     };
     let found = least_squares_from(&complete, &complete.nominal, None, monitor)?;
-    let (fit, complete) = (found.model, complete.with_stations_moved(&found.stations));
+    let (fit, complete) = (
+        found.model,
+        complete.with_stations_moved(&found.station_motions),
+    );
     let complete_mm = rms_mm(&fit, &complete.identify);
     // If the paper's model does not fit at all, it is sufficient that the complete model fits.
     let limit_mm = no_fit_mm(request);

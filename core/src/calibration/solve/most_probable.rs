@@ -10,7 +10,7 @@ use crate::identification::least_squares::estimate::{
 };
 use crate::identification::least_squares::evidence::Noise;
 use crate::identification::least_squares::problem;
-use crate::identification::model::objective::{Observation, one_after_other, with_stations_moved};
+use crate::identification::model::objective::{Observation, composed_motions, with_stations_moved};
 use crate::identification::model::parameters::{
     Parameter, Quantity, copy_parameter, deviation_from,
 };
@@ -63,8 +63,8 @@ impl Problem<'_> {
             let rows = self.rows(&trusted, held);
             estimate(&rows, &rows.coordinates(start), 0.0, &mut |_| watch.flow()).into_summary()
         });
-        let points = with_stations_moved(&self.identify, &alone.stations);
-        let trusted = with_stations_moved(&trusted, &alone.stations);
+        let points = with_stations_moved(&self.identify, &alone.station_motions);
+        let trusted = with_stations_moved(&trusted, &alone.station_motions);
         let rows = self.rows(&trusted, &[]);
         let (evidence, _) = evidence_at(&rows, &rows.coordinates(&alone.model));
         let of_points = LeastSquares {
@@ -84,7 +84,7 @@ impl Problem<'_> {
         };
         let fit = robust_fit(start, &of_points, &points, &trusted, loss, &mut tell);
         FitSummary {
-            stations: one_after_other(&alone.stations, &fit.stations),
+            station_motions: composed_motions(&alone.station_motions, &fit.station_motions),
             ..fit
         }
     }

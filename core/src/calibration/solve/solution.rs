@@ -15,7 +15,7 @@ pub struct Found {
     /// The identified model.
     pub model: KinematicModel,
     /// Motion of each station but the reference, from the problem's placement to the model; empty with one station, and after a swarm.
-    pub stations: Vec<IsometryMatrix3<f64>>,
+    pub station_motions: Vec<IsometryMatrix3<f64>>,
     /// Iterations done.
     pub n_iterations: usize,
     /// Cost evaluations done.
@@ -56,7 +56,7 @@ pub fn least_squares_from(
     }
     Ok(Found {
         model: fit.model,
-        stations: fit.stations,
+        station_motions: fit.station_motions,
         n_iterations: fit.n_iterations,
         n_evaluations: fit.n_evaluations,
         convergence: fit.convergence_mm2,

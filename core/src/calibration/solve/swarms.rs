@@ -73,7 +73,7 @@ pub fn swarm(
         pso::Termination::IterationLimit => "iteration_limit",
     };
     Ok(Found {
-        stations: vec![],
+        station_motions: vec![],
         model: space.model(&summary.best_position),
         n_iterations: summary.n_iterations,
         n_evaluations: summary.n_evaluations,

@@ -5,6 +5,7 @@
 
 use crate::calibration::Error;
 use crate::calibration::preparation::arrangement::{Arrangement, MIN_OF_SETUP};
+use crate::calibration::preparation::motions::place_setups;
 use crate::calibration::preparation::observe::Observed;
 use crate::calibration::preparation::placed_weights::weigh_placed;
 use crate::calibration::preparation::row_weights::is_by_direction;
@@ -87,7 +88,8 @@ impl<'a> Layout<'a> {
         {
             true => screen(&placing, &mut fitted, watch)?,
             false => {
-                let arrangement = Arrangement::of(&placing);
+                let mut arrangement = Arrangement::of(&placing);
+                place_setups(&placing, &mut fitted, &mut arrangement, watch)?;
                 (
                     Screening {
                         targets: arrangement.fitted_targets(&fitted),

@@ -12,6 +12,7 @@
 //! Positions never determine the zero of the last joint, because another place of the reflector on the flange explains them as well. This
 //! zero is known only by its prior, whose width comes from the zeros of the other joints or from the request.
 
+use crate::calibration::preparation::arrangement::MIN_OF_SETUP;
 use crate::calibration::preparation::observe::with_target_rotations;
 use crate::calibration::problem;
 use crate::calibration::report::{FlangeRotation, Warning};
@@ -57,12 +58,14 @@ pub fn flange_rotation(
         &observations,
     );
     let nominal = fit_base_and_targets(&robot.links, &observations, n_targets);
-    let mut points = Problem::new(nominal, &parameters, &observations);
+    let mut points = Problem::new(nominal, &parameters, &observations)
+        .with_stations(&observations, MIN_OF_SETUP);
     state_priors_of_links(problem, &parameters, &mut points);
-    let start = vec![0.0; parameters.len()];
+    let start = vec![0.0; points.variables.len()];
     let found = estimate(&points, &start, 0.0, &mut |_| ControlFlow::Continue(()));
     let as_drawn = with_the_last_link_as_drawn(&points, &found);
     let root = points.in_units(found.posterior.root.clone());
+    let root = root.rows(0, parameters.len()).into_owned();
     let estimate = &found.model;
     let posterior_rad = at_flange(robot, estimate, &parameters, &[&root]).turn_rad;
     let away_rad = links

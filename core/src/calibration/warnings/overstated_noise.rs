@@ -87,7 +87,7 @@ impl OverstatedNoise {
         }
         // Positions and rotations determine the parameters together. Each is compared as if it determined them alone, which assumes fewer
         // redundant equations.
-        let n_parameters = problem.parameters.len();
+        let n_parameters = problem.parameters.len() + problem.n_station_variables();
         let of_rotations = || of_rotations.overstated(n_parameters, 1f64.to_degrees(), "°");
         of_positions
             .overstated(n_parameters, 1.0, "mm")

@@ -43,7 +43,7 @@ pub struct Fitted {
     pub variance: f64,
     /// Motion of each station except the reference: transforms its points from their placement by the fit of the links alone. Corrections change
     /// that placement.
-    pub stations: Vec<IsometryMatrix3<f64>>,
+    pub station_motions: Vec<IsometryMatrix3<f64>>,
     /// Noise and prior widths of all variables of the fit; `None` before the first fit.
     pub evidence: Option<Evidence>,
 }
@@ -56,7 +56,7 @@ impl Fitted {
             terms: vec![],
             values: vec![],
             variance,
-            stations: vec![],
+            station_motions: vec![],
             evidence: None,
         }
     }
@@ -119,7 +119,7 @@ impl Fit<'_> {
             terms,
             values,
             variance: estimate.evidence.sigma_mm * estimate.evidence.sigma_mm,
-            stations: estimate.stations.clone(),
+            station_motions: estimate.station_motions.clone(),
             evidence: Some(estimate.evidence.clone()),
         }
     }

@@ -31,7 +31,7 @@ pub struct Estimate {
     /// The most probable model.
     pub model: KinematicModel,
     /// Motion of each station but the reference ([`Problem::station_motions`]).
-    pub stations: Vec<IsometryMatrix3<f64>>,
+    pub station_motions: Vec<IsometryMatrix3<f64>>,
     /// Its coordinates.
     pub x: Vec<f64>,
     /// Noise and widths.
@@ -55,7 +55,7 @@ pub struct FitSummary {
     /// The fitted model.
     pub model: KinematicModel,
     /// Motion of each station but the reference ([`Problem::station_motions`]).
-    pub stations: Vec<IsometryMatrix3<f64>>,
+    pub station_motions: Vec<IsometryMatrix3<f64>>,
     /// Number of steps, over all rounds.
     pub n_iterations: usize,
     /// Number of evaluations of the residuals.
@@ -71,7 +71,7 @@ impl Estimate {
     fn before(problem: &Problem<'_>, start: &[f64], evidence: Evidence) -> Self {
         Self {
             model: problem.model(start),
-            stations: problem.station_motions(start),
+            station_motions: problem.station_motions(start),
             x: start.to_vec(),
             // Without rows, the posterior equals the prior.
             posterior: Triangle::empty(start.len()).solve(start, &evidence),
@@ -99,7 +99,7 @@ impl Estimate {
     pub fn into_summary(self) -> FitSummary {
         FitSummary {
             model: self.model,
-            stations: self.stations,
+            station_motions: self.station_motions,
             n_iterations: self.convergence_mm2.len().saturating_sub(1),
             n_evaluations: self.n_evaluations,
             convergence_mm2: self.convergence_mm2,
@@ -355,6 +355,6 @@ fn descend(
     found.n_evaluations += fit.n_evaluations;
     found.termination = fit.termination;
     found.model = problem.model(&fit.x);
-    found.stations = problem.station_motions(&fit.x);
+    found.station_motions = problem.station_motions(&fit.x);
     found.x = fit.x;
 }

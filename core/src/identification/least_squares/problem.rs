@@ -128,8 +128,8 @@ impl<'a> Problem<'a> {
     }
 
     /// The same problem with the motions of the instrument's stations as further variables. `observations` are those of the problem, with or
-    /// without weight. A station with fewer than `least` of them stays where it is. So does one more, since the base already describes a motion
-    /// of all: the reference station or, if it has too few observations, the last one that has enough.
+    /// without weight. The reference station stays where it is, and so does a station with fewer than `least` observations. If the reference
+    /// has too few to place the base, the last station that has enough stays too.
     pub fn with_stations(mut self, observations: &[Observation], least: usize) -> Self {
         let mut n_of: BTreeMap<Option<usize>, usize> = BTreeMap::new();
         observations
@@ -311,8 +311,8 @@ impl<'a> Problem<'a> {
         stations.iter().map(of_measured).collect()
     }
 
-    /// Indices of the variables of stations.
-    pub fn stations(&self) -> Range<usize> {
+    /// Indices of the stations' variables.
+    pub fn station_variables(&self) -> Range<usize> {
         let is_of_station = |v: &&Variable| matches!(v.unknown, Unknown::Station(..));
         let n = self.variables.iter().filter(is_of_station).count();
         self.parameters.len()..self.parameters.len() + n

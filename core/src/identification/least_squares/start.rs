@@ -158,7 +158,7 @@ pub fn place_with_stations(
     let model = place(links, flanges, observations, n_targets);
     let problem = Problem::of_placement(model.clone(), flanges, observations);
     let problem = problem.with_stations(observations, least);
-    if problem.stations().is_empty() {
+    if problem.station_variables().is_empty() {
         return (model, vec![]);
     }
     let (_, x) = least_squares_of(&problem);

@@ -117,7 +117,7 @@ pub enum Prior {
 pub enum Unknown {
     /// A parameter of base, links or targets.
     Parameter(Parameter),
-    /// The instrument's station (from 0) against the reference station: its shift along an axis of the measuring frame (0 to 2), or its rotation
+    /// The instrument's station (from 0) against the stations that stay: its shift along an axis of the measuring frame (0 to 2), or its rotation
     /// about one (3 to 5) through the base's origin.
     Station(usize, usize),
     /// A term of the corrections.

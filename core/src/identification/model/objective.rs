@@ -119,7 +119,7 @@ pub fn with_stations_moved(
 }
 
 /// Motions of stations one after the other. An empty list has no motion.
-pub fn one_after_other(
+pub fn composed_motions(
     first: &[IsometryMatrix3<f64>],
     second: &[IsometryMatrix3<f64>],
 ) -> Vec<IsometryMatrix3<f64>> {

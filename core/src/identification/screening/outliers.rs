@@ -29,9 +29,9 @@ const DELETION_WORK: usize = 100_000;
 const MIN_DELETIONS: usize = 10;
 /// Maximum share of the points that the search treats as outliers.
 const MAX_OUTLIERS: f64 = 0.1;
-/// What is known of each coefficient of the basis beside the kept points, as a share of what all points show of it. Without it, coefficients
-/// that no kept point determines (the placement of a segment all of whose points are left out) would be a matter of rounding.
-const LEAST_KNOWN: f64 = 1e-10;
+/// Ridge on every coefficient of the basis, as a share of what all points show of it. Without it, rounding would decide on coefficients that no
+/// kept point determines, for example the placement of a segment all of whose points are left out.
+const RIDGE: f64 = 1e-12;
 /// Number of points between two checks whether to stop.
 const POINTS_AT_ONCE: usize = 5_000;
 /// Median of the length of three standard normal numbers.
@@ -179,7 +179,7 @@ impl<'a> Blocks<'a> {
         Self {
             of,
             basis: Cow::Borrowed(&of.basis),
-            ridge: vec![LEAST_KNOWN; of.basis.ncols()],
+            ridge: vec![RIDGE; of.basis.ncols()],
             transposed: of.basis.transpose(),
             watch,
         }
@@ -187,7 +187,7 @@ impl<'a> Blocks<'a> {
 
     fn beside(of: &'a Linearised, expected: &ExpectedErrors<'_>, watch: &'a Watch<'a>) -> Self {
         let basis = side_by_side(&[&of.basis, expected.directions]);
-        let mut ridge = vec![LEAST_KNOWN; of.basis.ncols()];
+        let mut ridge = vec![RIDGE; of.basis.ncols()];
         ridge.extend(expected.variances.iter().map(|variance| 1.0 / variance));
         Self {
             of,

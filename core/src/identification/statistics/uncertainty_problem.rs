@@ -135,8 +135,8 @@ impl<'a> Rows<'a> {
         let n_higher = misfit.n_higher_harmonics(model.links.len());
         let n_terms = corrections.as_ref().map_or(0, |of| of.terms.len());
         let columns = Columns {
-            n_parameters: problem.stations().start,
-            stations: problem.stations(),
+            n_parameters: problem.station_variables().start,
+            stations: problem.station_variables(),
             n_terms,
             n_followings: misfit.followings.len(),
             n_higher,
