@@ -3,7 +3,7 @@
 
 use crate::data::paper_robot;
 use crate::simulation::{Campaign, Normal, limited, measure, poses, true_robot};
-use kincal::calibration::request::{FinalFit, Preset, VerifySource};
+use kincal::calibration::request::{CorrectionsChoice, FinalFit, Loss, Preset, VerifySource};
 use kincal::calibration::{CalibrationReport, CalibrationRequest, calibrate};
 use kincal::identification::KinematicModel;
 use kincal::identification::corrections::corrected::IdentifiedRobot;
@@ -134,6 +134,41 @@ fn a_slipped_reflector_and_a_second_station_are_fitted_to_all_points_too() {
             }
         }
     });
+}
+
+/// A robust loss places a small station with a gross error elsewhere than least squares of all points does. Without points to verify, the
+/// delivered robot is the verified one, and so is the placement that it is scored and stated in.
+#[test]
+fn without_points_to_verify_the_stations_stay_where_the_verified_fit_has_them() {
+    let robot = paper_robot();
+    let mut random = Normal::new(4_300);
+    let truth = true_robot(&robot, 1, &mut random);
+    let mut set = measure(
+        &truth,
+        &poses(48, &mut random),
+        &Campaign::PLAIN,
+        &mut random,
+    );
+    for (row, point) in set.points.iter_mut().enumerate() {
+        point.station = Some(if row < 8 { "a".into() } else { "b".into() });
+    }
+    set.points[3].position_mm += Vector3::new(50.0, 0.0, 0.0);
+    let mut request = CalibrationRequest::new(robot, set);
+    request.verify = VerifySource::Fraction(0.0);
+    request.corrections = Some(CorrectionsChoice::Off);
+    request.options.loss = Some(Loss::Huber);
+    let report = calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
+    // The named outlier has no part in the figure of the final fit.
+    let others = report
+        .per_point
+        .iter()
+        .enumerate()
+        .filter(|(row, _)| *row != 3);
+    let squares = others.map(|(_, point)| point.after_mm * point.after_mm);
+    let verified_mm = (squares.sum::<f64>() / 47.0).sqrt();
+    let final_mm = report.final_fit.unwrap().rms_mm;
+    println!("verified {verified_mm:.4} mm rms, final {final_mm:.4} mm rms");
+    assert!((final_mm / verified_mm - 1.0).abs() < 1e-9);
 }
 
 #[test]
