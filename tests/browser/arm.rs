@@ -1,7 +1,7 @@
 //! The arm in 3-D, and the figures and the table that share its selection.
 
 use crate::browser::{Browser, DESKTOP, Driver, Look, PHONE, TABLET};
-use crate::hall::{Plant, data, job_hash, job_page};
+use crate::plant::{Plant, data, job_hash, job_page};
 use crate::{in_browser, in_place, sign_in};
 use kincal::kinematics::{Robot, forward_kinematics};
 use kincal::wire::robot::RobotBody;
@@ -37,7 +37,7 @@ fn the_page_puts_the_arm_where_the_service_does() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
+    let plant = Plant::open();
     let document = mapped_robot();
     let body: RobotBody = serde_json::from_value(document.clone()).unwrap();
     let robot = Robot::try_from(&body).unwrap();
@@ -49,7 +49,7 @@ fn the_page_puts_the_arm_where_the_service_does() {
         })
         .collect();
     let target = [12.0, -34.0, 56.0];
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         browser.go("/").await;
         let script = format!(
             "return import('/assets/kinematics.js').then(({{ positionOf }}) => {}.map((q) => positionOf({document}, q, {})))",
@@ -88,11 +88,11 @@ fn a_point_that_is_picked_in_one_figure_is_picked_in_all() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 11", "ER20-0131");
-    let job = hall.identified(&robot, "first_noisy.csv");
-    let key = hall.key(&["read", "upload", "identify"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 11", "ER20-0131");
+    let job = plant.identified(&robot, "first_noisy.csv");
+    let key = plant.key(&["read", "upload", "identify"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("result to review").await;
         browser
@@ -205,11 +205,11 @@ fn a_point_is_left_out_with_its_reason_and_the_rest_is_calibrated_again() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 12", "ER20-0132");
-    let job = hall.identified(&robot, "first_noisy.csv");
-    let key = hall.key(&["read", "upload", "identify"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 12", "ER20-0132");
+    let job = plant.identified(&robot, "first_noisy.csv");
+    let key = plant.key(&["read", "upload", "identify"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("result to review").await;
         let page = job_hash(&job);
@@ -269,21 +269,21 @@ fn after_another_session_the_release_is_next_and_a_stray_row_of_two_files_can_be
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 24", "ER20-0144");
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 24", "ER20-0144");
     let path = format!("/v1/robots/{robot}/measurement-sets?frame=base&name=logs");
     let form = "multipart/form-data; boundary=b";
-    let set = hall.server.create(&path, form, two_files_with_a_stray());
-    let first = hall.calibrated(&robot, &set, "least_squares");
-    let second = hall.set(&robot, "followup_unchanged.csv", "second");
-    let key = hall.key(&["read", "upload", "identify", "release"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let set = plant.server.create(&path, form, two_files_with_a_stray());
+    let first = plant.calibrated(&robot, &set, "least_squares");
+    let second = plant.set(&robot, "followup_unchanged.csv", "second");
+    let key = plant.key(&["read", "upload", "identify", "release"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         let page = job_page(&first);
         browser.go(&page).await;
         browser.until_it_says("Look at row 17").await;
         let request = json!({"kind": "verify", "measurement_set_id": second, "parameter_set_id": first["parameter_set_id"]});
-        in_place(|| hall.server.finished(&hall.server.job(&robot, &request)));
+        in_place(|| plant.server.finished(&plant.server.job(&robot, &request)));
         browser.go("/#/").await;
         browser.until_it_says("result to review").await;
         browser.go(&page).await;
@@ -316,11 +316,11 @@ fn no_page_scrolls_sideways_on_a_desk_a_tablet_or_a_phone() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 13", "ER20-0133");
-    let job = hall.identified(&robot, "first_noisy.csv");
-    let key = hall.key(&["admin"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 13", "ER20-0133");
+    let job = plant.identified(&robot, "first_noisy.csv");
+    let key = plant.key(&["admin"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("result to review").await;
         let pages = [
@@ -363,12 +363,12 @@ fn a_long_result_has_links_to_its_parts_and_the_robots_page_shows_the_arm_that_r
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 45", "ER20-0165");
-    let job = hall.identified(&robot, "first_noisy.csv");
-    hall.release(&job, "the first one");
-    let key = hall.key(&["read", "upload", "identify", "release"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 45", "ER20-0165");
+    let job = plant.identified(&robot, "first_noisy.csv");
+    plant.release(&job, "the first one");
+    let key = plant.key(&["read", "upload", "identify", "release"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         for size in [DESKTOP, PHONE] {
             browser.look(Look { size, dark: false }).await;

@@ -1,7 +1,7 @@
 //! Two hundred robots: who needs work, why, and how soon the list says so.
 
 use crate::browser::{Browser, Driver};
-use crate::hall::Plant;
+use crate::plant::Plant;
 use crate::{in_browser, sign_in};
 
 const N_ROBOTS: usize = 200;
@@ -11,21 +11,21 @@ fn two_hundred_robots_are_found_by_what_they_need() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
+    let plant = Plant::open();
     let ids: Vec<String> = (0..N_ROBOTS)
         .map(|i| {
-            hall.robot(
+            plant.robot(
                 &format!("Line {}, station {i:03}", i / 20),
                 &format!("SN-{i:04}"),
             )
         })
         .collect();
     // One waits for its first release; one was released.
-    let calibrated = |i: usize| hall.identified(&ids[i], "first_noisy.csv");
+    let calibrated = |i: usize| plant.identified(&ids[i], "first_noisy.csv");
     calibrated(17);
-    hall.release(&calibrated(42), "in order");
-    let key = hall.key(&["read"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    plant.release(&calibrated(42), "in order");
+    let key = plant.key(&["read"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("200 robots; one needs you.").await;
         let first = browser
@@ -91,11 +91,11 @@ fn links_and_new_tabs_are_signed_in_until_somebody_signs_out() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 14", "ER20-0134");
-    let job = hall.identified(&robot, "first_noisy.csv");
-    let key = hall.key(&["read"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 14", "ER20-0134");
+    let job = plant.identified(&robot, "first_noisy.csv");
+    let key = plant.key(&["read"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("result to review").await;
         let stored = browser

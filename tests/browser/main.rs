@@ -7,24 +7,24 @@
 mod support;
 use support::process;
 
-mod agreement;
+mod accessibility;
+mod ambiguous_files;
 mod arm;
-mod asked;
 mod browser;
+mod consistency;
+mod difficult_conditions;
+mod first_steps;
 mod fleet;
-mod hall;
-mod reach;
+mod live_lists;
+mod plant;
 mod sessions;
-mod trouble;
 mod two_files;
-mod walk;
-mod watched;
 #[allow(dead_code)] // other tests write its other kinds
 #[path = "../core/workbooks.rs"]
 mod workbooks;
 
 use browser::{Browser, Driver, Look, Picture};
-use hall::{Plant, data, job_hash};
+use plant::{Plant, data, job_hash};
 use process::{Server, run};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -66,16 +66,16 @@ fn a_set_is_uploaded_identified_read_released_and_withdrawn() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 4, welder left", "ER20-0117");
-    let key = hall.key(&["read", "upload", "identify", "release"]);
-    let faulty = faulty_csv(&hall);
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 4, welder left", "ER20-0117");
+    let key = plant.key(&["read", "upload", "identify", "release"]);
+    let faulty = faulty_csv(&plant);
     // As a spreadsheet saves it, with a byte order mark.
     let with_mark = format!(
         "\u{feff}{}",
         std::fs::read_to_string(data("first_noisy.csv")).unwrap()
     );
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("not calibrated").await;
         browser
@@ -190,11 +190,11 @@ fn a_set_is_uploaded_identified_read_released_and_withdrawn() {
         assert!(!browser.text().await.contains("Release …"));
         browser.assert_quiet(&[422]).await;
     });
-    let (status, _) = hall
+    let (status, _) = plant
         .server
         .get(&format!("/v1/robots/{robot}/parameter-sets/active"));
     assert_eq!(status, 404, "what was withdrawn is not active");
-    let (_, sets) = hall
+    let (_, sets) = plant
         .server
         .get(&format!("/v1/robots/{robot}/measurement-sets"));
     assert_eq!(
@@ -214,27 +214,30 @@ fn what_the_service_says_stands_on_the_pages() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 9", "ER20-0122");
-    hall.release(&hall.identified(&robot, "first_noisy.csv"), "the first one");
-    let visited = hall.file("revisited.csv", &revisited_csv());
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 9", "ER20-0122");
+    plant.release(
+        &plant.identified(&robot, "first_noisy.csv"),
+        "the first one",
+    );
+    let visited = plant.file("revisited.csv", &revisited_csv());
     let path = format!("/v1/robots/{robot}/measurement-sets?frame=base&name=revisited");
-    let set = hall
+    let set = plant
         .server
         .create(&path, "text/csv", std::fs::read(visited).unwrap());
-    let newest = hall.calibrated(&robot, &set, "least_squares");
+    let newest = plant.calibrated(&robot, &set, "least_squares");
     let [active, newest_set] = ["active", newest["parameter_set_id"].as_str().unwrap()];
-    let (_, active) = hall
+    let (_, active) = plant
         .server
         .get(&format!("/v1/robots/{robot}/parameter-sets/{active}"));
-    let key = hall.key(&["read", "release"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let key = plant.key(&["read", "release"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
 
         // List and robot's page show the drift of the comparison.
         browser.until_it_says("newer result to review").await;
         let (_, compared) = in_place(|| {
-            hall.server.get(&format!(
+            plant.server.get(&format!(
                 "/v1/parameter-sets/{newest_set}/compare?with={}",
                 active["id"].as_str().unwrap()
             ))
@@ -275,7 +278,8 @@ fn what_the_service_says_stands_on_the_pages() {
 
         // The forecast of the next calibration, with the service's text.
         let (_, history) = in_place(|| {
-            hall.server
+            plant
+                .server
                 .get(&format!("/v1/robots/{robot}/history?limit=1"))
         });
         let detail = history["trend"]["detail"].as_str().unwrap();
@@ -319,7 +323,7 @@ fn what_the_service_says_stands_on_the_pages() {
         );
 
         // Exports of the links.
-        let folder = hall.folder.path().join("downloads");
+        let folder = plant.folder.path().join("downloads");
         browser.download_to(&folder).await;
         for (name, format) in [("URDF", "urdf"), ("CSV", "csv"), ("YAML", "yaml")] {
             browser
@@ -332,7 +336,7 @@ fn what_the_service_says_stands_on_the_pages() {
             let ending = format!("_{newest_set}.{format}");
             let file = browser.downloaded(&folder, &ending).await;
             let served = in_place(|| {
-                hall.server.text(&format!(
+                plant.server.text(&format!(
                     "/v1/parameter-sets/{newest_set}/export?format={format}"
                 ))
             });
@@ -344,7 +348,8 @@ fn what_the_service_says_stands_on_the_pages() {
         let policy = json!({"independent_session_required": true});
         in_place(|| {
             assert_eq!(
-                hall.server
+                plant
+                    .server
                     .put(&format!("/v1/robots/{robot}/policy"), &policy)
                     .0,
                 200
@@ -387,7 +392,7 @@ fn what_the_service_says_stands_on_the_pages() {
             .await;
         browser.assert_quiet(&[409]).await;
     });
-    let (_, still) = hall
+    let (_, still) = plant
         .server
         .get(&format!("/v1/robots/{robot}/parameter-sets/active"));
     assert_eq!(still["id"], active["id"]);
@@ -443,14 +448,14 @@ fn revisited_csv() -> String {
 }
 
 /// A set whose eighth line has a decimal comma, as a spreadsheet writes it.
-fn faulty_csv(hall: &Plant) -> PathBuf {
+fn faulty_csv(plant: &Plant) -> PathBuf {
     let text = std::fs::read_to_string(data("first.csv")).unwrap();
     let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
     let column = lines[0].split(',').position(|name| name == "x_mm").unwrap();
     let mut cells: Vec<&str> = lines[7].split(',').collect();
     cells[column] = "\"12,5\"";
     lines[7] = cells.join(",");
-    hall.file("faulty.csv", &lines.join("\n"))
+    plant.file("faulty.csv", &lines.join("\n"))
 }
 
 #[test]
@@ -458,12 +463,12 @@ fn a_running_job_is_followed_and_cancelled() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 5", "ER20-0118");
-    let set = hall.set(&robot, "first_noisy.csv", "first");
-    let job = hall.long_job(&robot, &set);
-    let key = hall.key(&["read", "identify"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 5", "ER20-0118");
+    let set = plant.set(&robot, "first_noisy.csv", "first");
+    let job = plant.long_job(&robot, &set);
+    let key = plant.key(&["read", "identify"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("calibrating").await;
         browser
@@ -491,7 +496,7 @@ fn a_running_job_is_followed_and_cancelled() {
         browser.until_it_says("The calibration was cancelled").await;
         browser.assert_quiet(&[]).await;
     });
-    assert_eq!(hall.server.finished(&job)["status"], "cancelled");
+    assert_eq!(plant.server.finished(&job)["status"], "cancelled");
 }
 
 #[test]
@@ -499,12 +504,12 @@ fn a_key_opens_what_it_may_and_names_are_only_names() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot(HOSTILE, HOSTILE);
-    let set = hall.set(&robot, "first_noisy.csv", HOSTILE);
-    let job = hall.calibrated(&robot, &set, "least_squares");
-    let key = hall.key(&["read"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let plant = Plant::open();
+    let robot = plant.robot(HOSTILE, HOSTILE);
+    let set = plant.set(&robot, "first_noisy.csv", HOSTILE);
+    let job = plant.calibrated(&robot, &set, "least_squares");
+    let key = plant.key(&["read"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, "kincal_0000").await;
         browser
             .until_it_says("this key is not known or was revoked")
@@ -558,8 +563,8 @@ fn the_report_is_a_page_that_prints() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let page = hall.folder.path().join("report.html");
+    let plant = Plant::open();
+    let page = plant.folder.path().join("report.html");
     let (robot, set) = (data("robot.json"), data("first_noisy.csv"));
     let arguments = [
         "calibrate",
@@ -576,7 +581,7 @@ fn the_report_is_a_page_that_prints() {
         "{}",
         String::from_utf8_lossy(&output.stderr)
     );
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         browser.go_to_file(&page).await;
         browser
             .until_it_says("Position errors before and after")

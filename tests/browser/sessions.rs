@@ -1,7 +1,7 @@
 //! Several sessions as one job, the references of instruments, and what a file leaves open: asked with what can be chosen.
 
 use crate::browser::{Browser, Driver, Picture};
-use crate::hall::Plant;
+use crate::plant::Plant;
 use crate::{in_browser, in_place, sign_in};
 use serde_json::{Value, json};
 
@@ -10,12 +10,12 @@ fn two_sessions_are_fitted_as_one_job_and_the_page_says_what_each_was() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 21", "ER20-0141");
-    hall.set(&robot, "first_noisy.csv", "monday");
-    hall.set(&robot, "followup_unchanged.csv", "tuesday");
-    let key = hall.key(&["read", "upload", "identify"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 21", "ER20-0141");
+    plant.set(&robot, "first_noisy.csv", "monday");
+    plant.set(&robot, "followup_unchanged.csv", "tuesday");
+    let key = plant.key(&["read", "upload", "identify"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.go(&format!("/#/robots/{robot}")).await;
         browser
@@ -48,7 +48,7 @@ fn two_sessions_are_fitted_as_one_job_and_the_page_says_what_each_was() {
         }
         assert_eq!(browser.accessibility().await, Vec::<String>::new());
         browser.picture("sessions", Picture::Whole).await;
-        let (_, jobs) = in_place(|| hall.server.get(&format!("/v1/robots/{robot}/jobs")));
+        let (_, jobs) = in_place(|| plant.server.get(&format!("/v1/robots/{robot}/jobs")));
         let sets = jobs["items"][0]["request"]["measurement_set_ids"].as_array();
         assert_eq!(sets.map(Vec::len), Some(2), "{jobs}");
         browser.assert_quiet(&[]).await;
@@ -60,10 +60,10 @@ fn a_reference_is_stored_and_an_upload_chooses_it_by_its_name() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 22", "ER20-0142");
-    let key = hall.key(&["read", "upload"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 22", "ER20-0142");
+    let key = plant.key(&["read", "upload"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser
             .go(&format!("/#/robots/{robot}/correct?cell=open"))
@@ -87,7 +87,7 @@ fn a_reference_is_stored_and_an_upload_chooses_it_by_its_name() {
         );
         assert_eq!(browser.accessibility().await, Vec::<String>::new());
         let path = format!("/v1/robots/{robot}/references");
-        let (_, stored) = in_place(|| hall.server.get(&path));
+        let (_, stored) = in_place(|| plant.server.get(&path));
         assert_eq!(
             stored["items"][0]["items"][0]["measured_mm"],
             json!(1000.02)
@@ -105,17 +105,17 @@ fn a_sheet_a_decimal_mark_and_a_convention_are_chosen_where_the_file_leaves_them
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 23", "ER20-0143");
-    let text = std::fs::read_to_string(crate::hall::data("first_noisy.csv")).unwrap();
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 23", "ER20-0143");
+    let text = std::fs::read_to_string(crate::plant::data("first_noisy.csv")).unwrap();
     let rows = |text: &str| -> Vec<Vec<String>> {
         let cells = |line: &str| line.split(',').map(str::to_owned).collect();
         text.lines().map(cells).collect()
     };
     let (notes, points) = (rows("day,who"), rows(&text));
     let book = crate::workbooks::xlsx(&[("Notes", &notes), ("Points", &points)]);
-    let key = hall.key(&["read", "upload"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let key = plant.key(&["read", "upload"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.go(&format!("/#/robots/{robot}")).await;
         browser.until("document.querySelector('#set-file')").await;

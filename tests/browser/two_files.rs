@@ -1,12 +1,12 @@
 //! A robot's log and an instrument's export: what the page asks, shows and gives back of them.
 
 use crate::browser::{Browser, Driver, Look};
-use crate::hall::{Plant, data, job_page};
+use crate::plant::{Plant, data, job_page};
 use crate::{in_browser, sign_in};
 use std::path::Path;
 
 /// The paper's first set as a log and an export, each with the first of these columns in front; `name` is that of a row in both files.
-fn files(hall: &Plant, columns: [&str; 2], name: impl Fn(usize) -> [String; 2]) -> [String; 2] {
+fn files(plant: &Plant, columns: [&str; 2], name: impl Fn(usize) -> [String; 2]) -> [String; 2] {
     let text = std::fs::read_to_string(data("first_noisy.csv")).unwrap();
     let mut log = format!(
         "{},J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg]\n",
@@ -23,7 +23,7 @@ fn files(hall: &Plant, columns: [&str; 2], name: impl Fn(usize) -> [String; 2]) 
         }
     }
     [("log.csv", log), ("export.csv", export)]
-        .map(|(name, text)| hall.file(name, &text).to_str().unwrap().to_owned())
+        .map(|(name, text)| plant.file(name, &text).to_str().unwrap().to_owned())
 }
 
 async fn give_both(browser: &Browser, robot: &str, [log, export]: &[String; 2]) {
@@ -50,14 +50,14 @@ fn files_that_are_joined_by_time_have_their_poses_their_table_and_a_remark_the_s
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 31", "ER20-0151");
-    let key = hall.key(&["read", "upload", "identify"]);
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 31", "ER20-0151");
+    let key = plant.key(&["read", "upload", "identify"]);
     let times = ["Time [s]", "Time [s]"];
-    let both = files(&hall, times, |row| {
+    let both = files(&plant, times, |row| {
         [format!("{}", 10 * row), format!("{}", 1000 + 10 * row)]
     });
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         // the clocks are asked for where the times leave their difference open
         let give_with_clock = async || {
@@ -110,10 +110,10 @@ fn a_point_under_two_groups_asks_which_group_is_read() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 33", "ER20-0153");
-    let key = hall.key(&["read", "upload", "identify"]);
-    let [log, export] = files(&hall, ["Point", "Group,Point"], |row| {
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 33", "ER20-0153");
+    let key = plant.key(&["read", "upload", "identify"]);
+    let [log, export] = files(&plant, ["Point", "Group,Point"], |row| {
         [format!("P{row}"), format!("Measured,P{row}")]
     });
     let measured = std::fs::read_to_string(&export).unwrap();
@@ -122,7 +122,7 @@ fn a_point_under_two_groups_asks_which_group_is_read() {
         .map(|line| line.replace("Measured", "Nominals"))
         .collect();
     std::fs::write(&export, format!("{measured}{}", nominal.join("\n"))).unwrap();
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         give_both(browser, &robot, &[log, export]).await;
         browser
@@ -143,9 +143,9 @@ fn names_that_do_not_pair_are_asked_for_on_a_phone_and_the_chosen_column_is_read
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 32", "ER20-0152");
-    let key = hall.key(&["read", "upload", "identify"]);
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 32", "ER20-0152");
+    let key = plant.key(&["read", "upload", "identify"]);
     let letters = |row: usize| {
         format!(
             "{}{}",
@@ -153,10 +153,10 @@ fn names_that_do_not_pair_are_asked_for_on_a_phone_and_the_chosen_column_is_read
             "x".repeat(row / 26)
         )
     };
-    let both = files(&hall, ["Point", "Name,Remark"], |row| {
+    let both = files(&plant, ["Point", "Name,Remark"], |row| {
         [format!("P{row}"), format!("{},P{row}", letters(row))]
     });
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         browser
             .look(Look {
                 size: (390, 844),
@@ -196,10 +196,10 @@ fn a_choice_that_two_files_leave_open_names_its_file() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 33", "ER20-0153");
-    let key = hall.key(&["read", "upload", "identify"]);
-    let both = files(&hall, ["Point", "Name"], |row| {
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 33", "ER20-0153");
+    let key = plant.key(&["read", "upload", "identify"]);
+    let both = files(&plant, ["Point", "Name"], |row| {
         [format!("P{row}"), format!("P{row}")]
     });
     // both have to be asked for their units, each by its name
@@ -208,7 +208,7 @@ fn a_choice_that_two_files_leave_open_names_its_file() {
         let text = text.replace(" [deg]", "").replace(" [mm]", "");
         std::fs::write(path, text).unwrap();
     }
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         give_both(browser, &robot, &both).await;
         browser
@@ -226,17 +226,17 @@ fn what_is_wrong_with_a_program_stands_at_its_field_and_the_keyboard_stays_near(
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 34", "ER20-0154");
-    let job = hall.identified(&robot, "first_noisy.csv");
-    let key = hall.key(&["read", "upload", "identify"]);
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 34", "ER20-0154");
+    let job = plant.identified(&robot, "first_noisy.csv");
+    let key = plant.key(&["read", "upload", "identify"]);
     let header = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg";
     let joints = "10,-20,30,0,45,0";
     let poses =
         format!("x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg,{header}\n800,0,900,0,90,0,{joints}\n");
-    let poses = hall.file("poses.csv", &poses);
-    let units = hall.file("units.csv", &format!("J1,J2,J3,J4,J5,J6\n{joints}\n"));
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let poses = plant.file("poses.csv", &poses);
+    let units = plant.file("units.csv", &format!("J1,J2,J3,J4,J5,J6\n{joints}\n"));
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.go(&format!("/#/robots/{robot}/correct")).await;
         browser

@@ -25,14 +25,14 @@ impl Plant {
             "--data-dir",
         ]);
         command.arg(&data);
-        let hall = Self {
+        let plant = Self {
             server: Server::of(command),
             folder,
         };
-        let admin = hall.key(&["admin"]);
+        let admin = plant.key(&["admin"]);
         Self {
-            server: hall.server.with_key(admin),
-            folder: hall.folder,
+            server: plant.server.with_key(admin),
+            folder: plant.folder,
         }
     }
 

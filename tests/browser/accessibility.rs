@@ -1,7 +1,7 @@
 //! Accessibility of every page: on a desktop and on a tablet, in both themes, and with the keyboard alone.
 
 use crate::browser::{Browser, DESKTOP, Driver, Look, Picture, TABLET};
-use crate::hall::{Plant, job_hash};
+use crate::plant::{Plant, job_hash};
 use crate::{in_browser, in_place, sign_in};
 use serde_json::{Value, json};
 use thirtyfour::Key;
@@ -11,23 +11,23 @@ fn every_page_is_accessible_in_both_themes_and_fits_a_tablet() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 6, handling", "ER20-0119");
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 6, handling", "ER20-0119");
     let mut last = Value::Null;
     for (file, method) in [
         ("first_noisy.csv", "pso"),
         ("followup_unchanged.csv", "bpnn_pso"),
         ("followup_drifted.csv", "bpnn_pso"),
     ] {
-        last = hall.calibrated(&robot, &hall.set(&robot, file, file), method);
+        last = plant.calibrated(&robot, &plant.set(&robot, file, file), method);
         if file == "first_noisy.csv" {
-            hall.release(&last, "the first one");
+            plant.release(&last, "the first one");
         }
     }
-    hall.robot("Cell 7, not measured yet", "ER20-0120");
+    plant.robot("Cell 7, not measured yet", "ER20-0120");
     let job = last["id"].as_str().unwrap();
-    let key = hall.key(&["admin"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let key = plant.key(&["admin"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         browser.go("/").await;
         assert_eq!(
             browser.accessibility().await,
@@ -84,11 +84,11 @@ fn everything_is_within_reach_of_the_keyboard() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 8", "ER20-0121");
-    let job = hall.identified(&robot, "first_noisy.csv");
-    let key = hall.key(&["admin"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 8", "ER20-0121");
+    let job = plant.identified(&robot, "first_noisy.csv");
+    let key = plant.key(&["admin"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("result to review").await;
         for hash in ["#/".to_owned(), format!("#/robots/{robot}"), job_hash(&job)] {
@@ -111,7 +111,7 @@ fn everything_is_within_reach_of_the_keyboard() {
         browser.until_it_says("now uses this set").await;
         browser.assert_quiet(&[]).await;
     });
-    let (_, active) = hall
+    let (_, active) = plant
         .server
         .get(&format!("/v1/robots/{robot}/parameter-sets/active"));
     assert_eq!(active["id"], job["parameter_set_id"]);
@@ -149,16 +149,16 @@ fn tools_and_work_frames_are_kept_and_cartesian_targets_corrected() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 18", "ER20-0138");
-    hall.identified(&robot, "first_noisy.csv");
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 18", "ER20-0138");
+    plant.identified(&robot, "first_noisy.csv");
     let q_deg = [10.0, -30.0, 20.0, 15.0, 40.0, 5.0];
     let body = json!({"q_deg": q_deg}).to_string().into_bytes();
     let path = format!("/v1/robots/{robot}/posture");
-    let (status, posture) = hall.server.post(&path, "application/json", body);
+    let (status, posture) = plant.server.post(&path, "application/json", body);
     assert_eq!(status, 200, "{posture}");
-    let key = hall.key(&["read", "upload"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let key = plant.key(&["read", "upload"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("Cell 18").await;
         browser.go(&format!("/#/robots/{robot}/correct")).await;
@@ -204,7 +204,8 @@ fn tools_and_work_frames_are_kept_and_cartesian_targets_corrected() {
         browser.button("Store a tool").await.click().await.unwrap();
         browser.until_it_says("tools (1) and references").await;
         let (_, tool) = in_place(|| {
-            hall.server
+            plant
+                .server
                 .get(&format!("/v1/robots/{robot}/tools/gripper"))
         });
         assert_eq!(
@@ -230,7 +231,8 @@ fn tools_and_work_frames_are_kept_and_cartesian_targets_corrected() {
             .unwrap();
         browser.until_it_says("Work frames (1)").await;
         let (_, frame) = in_place(|| {
-            hall.server
+            plant
+                .server
                 .get(&format!("/v1/robots/{robot}/work-frames/table"))
         });
         let origin = &frame["t_reference_work"]["translation_mm"];
@@ -277,12 +279,12 @@ fn a_program_comes_back_in_its_own_form_and_faults_name_its_lines() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 23", "ER20-0143");
-    let job = hall.identified(&robot, "first_noisy.csv");
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 23", "ER20-0143");
+    let job = plant.identified(&robot, "first_noisy.csv");
     let set = job["parameter_set_id"].as_str().unwrap();
-    let key = hall.key(&["read"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let key = plant.key(&["read"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("Cell 23").await;
         browser.go(&format!("/#/robots/{robot}/correct")).await;
@@ -306,7 +308,7 @@ fn a_program_comes_back_in_its_own_form_and_faults_name_its_lines() {
         let lines = "return [...document.querySelectorAll('tbody tr')].map((row) => row.cells[0].innerText)";
         assert_eq!(browser.run(lines).await, json!(["3", "5"]));
         browser.picture("corrected", Picture::Whole).await;
-        let folder = hall.folder.path().join("downloads");
+        let folder = plant.folder.path().join("downloads");
         browser.download_to(&folder).await;
         browser
             .button("Download the corrected program")
@@ -320,7 +322,7 @@ fn a_program_comes_back_in_its_own_form_and_faults_name_its_lines() {
         let q = json!({"q_deg": [[10.5, -30.0, 20.0, 15.0, 40.0, 5.0]]});
         let path = format!("/v1/parameter-sets/{set}/compensate");
         let body = q.to_string().into_bytes();
-        let (_, wanted) = in_place(|| hall.server.post(&path, "application/json", body));
+        let (_, wanted) = in_place(|| plant.server.post(&path, "application/json", body));
         let first = wanted["q_deg"][0][0].as_f64().unwrap();
         let first = format!("{first:.7}").replace('.', ",");
         assert!(

@@ -1,7 +1,7 @@
 //! What the pages say agrees with the points, with the report and from page to page.
 
 use crate::browser::{Browser, Driver};
-use crate::hall::{Plant, data, job_hash, job_page};
+use crate::plant::{Plant, data, job_hash, job_page};
 use crate::{in_browser, in_place, sign_in};
 use serde_json::{Value, json};
 use std::collections::HashMap;
@@ -35,9 +35,9 @@ fn off_along_z(off_mm: f64) -> String {
     format!("{}\n{}\n", text.lines().next().unwrap(), rows.join("\n"))
 }
 
-fn upload(hall: &Plant, robot: &str, name: &str, text: String) -> String {
+fn upload(plant: &Plant, robot: &str, name: &str, text: String) -> String {
     let path = format!("/v1/robots/{robot}/measurement-sets?frame=base&name={name}");
-    hall.server.create(&path, "text/csv", text.into_bytes())
+    plant.server.create(&path, "text/csv", text.into_bytes())
 }
 
 #[test]
@@ -45,17 +45,17 @@ fn a_robot_that_has_changed_is_called_so_on_every_page_and_its_file_is_not_blame
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 40", "ER20-0160");
-    let first = hall.set(&robot, "first_noisy.csv", "first");
-    let identified = hall.calibrated(&robot, &first, "least_squares");
-    hall.release(&identified, "the first one");
-    let later = upload(&hall, &robot, "later", off_along_z(1.0));
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 40", "ER20-0160");
+    let first = plant.set(&robot, "first_noisy.csv", "first");
+    let identified = plant.calibrated(&robot, &first, "least_squares");
+    plant.release(&identified, "the first one");
+    let later = upload(&plant, &robot, "later", off_along_z(1.0));
     let request = json!({"kind": "verify", "measurement_set_id": later, "parameter_set_id": identified["parameter_set_id"]});
-    let job = hall.server.finished(&hall.server.job(&robot, &request));
+    let job = plant.server.finished(&plant.server.job(&robot, &request));
     assert_eq!(job["finding"], "set_far_off", "{job}");
-    let key = hall.key(&["read", "upload", "identify", "release"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let key = plant.key(&["read", "upload", "identify", "release"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         let says = "The robot has changed: the active set misses by ";
         browser.until_it_says(says).await;
@@ -101,13 +101,13 @@ fn what_is_left_out_has_its_name_in_the_first_file_and_leaves_the_halves_as_they
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 41", "ER20-0161");
-    let set = upload(&hall, &robot, "first", named_points(None));
-    let job = hall.calibrated(&robot, &set, "least_squares");
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 41", "ER20-0161");
+    let set = upload(&plant, &robot, "first", named_points(None));
+    let job = plant.calibrated(&robot, &set, "least_squares");
     let halves = |job: &Value| -> HashMap<String, String> {
         let path = format!("/v1/jobs/{}/report", job["id"].as_str().unwrap());
-        let (_, report) = hall.server.get(&path);
+        let (_, report) = plant.server.get(&path);
         let points = report["per_point"].as_array().unwrap().iter();
         let of = |p: &Value| {
             let text = |key: &str| p[key].as_str().unwrap().to_owned();
@@ -119,8 +119,8 @@ fn what_is_left_out_has_its_name_in_the_first_file_and_leaves_the_halves_as_they
     let row = (0..100)
         .find(|row| before[&format!("P{}", row + 1)] == "verify")
         .unwrap();
-    let key = hall.key(&["read", "upload", "identify"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let key = plant.key(&["read", "upload", "identify"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("result to review").await;
         let page = job_hash(&job);
@@ -166,12 +166,12 @@ fn a_filtered_table_stays_in_sight_and_the_menu_exports_every_point() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 42", "ER20-0162");
-    let job = hall.identified(&robot, "first_noisy.csv");
-    let folder = hall.folder.path().join("downloads");
-    let key = hall.key(&["read"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 42", "ER20-0162");
+    let job = plant.identified(&robot, "first_noisy.csv");
+    let folder = plant.folder.path().join("downloads");
+    let key = plant.key(&["read"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         browser.download_to(&folder).await;
         sign_in(browser, &key).await;
         browser.until_it_says("result to review").await;
@@ -223,17 +223,17 @@ fn a_withdrawn_set_says_so_at_the_top_of_its_report_with_a_verdict_and_the_point
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 43", "ER20-0163");
-    let set = upload(&hall, &robot, "first", named_points(Some(41)));
-    let job = hall.calibrated(&robot, &set, "least_squares");
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 43", "ER20-0163");
+    let set = upload(&plant, &robot, "first", named_points(Some(41)));
+    let job = plant.calibrated(&robot, &set, "least_squares");
     let page = format!("/v1/jobs/{}/report.html", job["id"].as_str().unwrap());
-    assert!(hall.server.text(&page).contains("no verdict"));
+    assert!(plant.server.text(&page).contains("no verdict"));
     let with_policy = |tolerance_mm: f64, rule: &str| {
         let policy = json!({"tolerance_mm": tolerance_mm, "decision_rule": rule, "independent_session_required": false, "second_person_required": false});
         let path = format!("/v1/robots/{robot}/policy");
-        assert_eq!(hall.server.put(&path, &policy).0, 200);
-        hall.server.text(&page)
+        assert_eq!(plant.server.put(&path, &policy).0, 200);
+        plant.server.text(&page)
     };
     let is_said =
         |text: &str, verdict: &str| text.contains(&format!("→ <strong>{verdict}</strong>"));
@@ -257,12 +257,12 @@ fn a_withdrawn_set_says_so_at_the_top_of_its_report_with_a_verdict_and_the_point
         job["parameter_set_id"].as_str().unwrap()
     );
     let reason = json!({"reason": "the reflector was loose"}).to_string();
-    let (status, answer) = hall
+    let (status, answer) = plant
         .server
         .post(&path, "application/json", reason.into_bytes());
     assert_eq!(status, 200, "{answer}");
-    let key = hall.key(&["read"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let key = plant.key(&["read"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.go(&job_page(&job)).await;
         let of_the_fit = "to 99 of 100 points (P42 left out as an outlier)";
@@ -286,14 +286,14 @@ fn the_workspace_of_a_robot_on_the_floor_ends_at_the_floor_and_a_set_has_the_nam
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 44", "ER20-0164");
-    let job = hall.identified(&robot, "first_noisy.csv");
-    hall.release(&job, "the first one");
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 44", "ER20-0164");
+    let job = plant.identified(&robot, "first_noisy.csv");
+    plant.release(&job, "the first one");
     let document: Value =
         serde_json::from_slice(&std::fs::read(data("robot.json")).unwrap()).unwrap();
-    let key = hall.key(&["read"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let key = plant.key(&["read"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("released").await;
         let page = job_page(&job);
@@ -315,7 +315,7 @@ fn the_workspace_of_a_robot_on_the_floor_ends_at_the_floor_and_a_set_has_the_nam
         browser.go(&format!("/#/robots/{robot}/correct")).await;
         browser.until_it_says("first, identified").await;
         let program = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n10,-40,20,15,50,5\n";
-        let path = hall.file("program.csv", program);
+        let path = plant.file("program.csv", program);
         let field = browser.find("#correct-file").await;
         field.send_keys(path.to_str().unwrap()).await.unwrap();
         browser.button("Correct").await.click().await.unwrap();
@@ -331,11 +331,11 @@ fn a_table_of_links_is_not_filled_with_zeros_and_payload_and_mounting_are_stated
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 45", "ER20-0165");
-    hall.set(&robot, "first_noisy.csv", "first");
-    let key = hall.key(&["read", "upload", "identify"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 45", "ER20-0165");
+    plant.set(&robot, "first_noisy.csv", "first");
+    let key = plant.key(&["read", "upload", "identify"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("Add a robot").await;
         browser
@@ -378,7 +378,8 @@ fn a_table_of_links_is_not_filled_with_zeros_and_payload_and_mounting_are_stated
         browser.until("location.hash.startsWith('#/jobs/')").await;
         let id = browser.run("return location.hash.slice(7)").await;
         let (_, job) = in_place(|| {
-            hall.server
+            plant
+                .server
                 .get(&format!("/v1/jobs/{}", id.as_str().unwrap()))
         });
         let payload = json!({"mass_kg": 12.5, "centre_mm": [0.0, 10.0, 80.0]});

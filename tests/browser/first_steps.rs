@@ -1,7 +1,7 @@
 //! The way of somebody who has never calibrated a robot: what the pages say next, and what they ask only once.
 
 use crate::browser::{Browser, Driver};
-use crate::hall::{Plant, data, job_page};
+use crate::plant::{Plant, data, job_page};
 use crate::{in_browser, sign_in};
 use serde_json::json;
 
@@ -10,9 +10,9 @@ fn an_empty_page_leads_to_a_robot_of_the_library_and_to_its_first_poses() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let key = hall.key(&["read", "upload"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let plant = Plant::open();
+    let key = plant.key(&["read", "upload"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("There is no robot yet").await;
         browser
@@ -47,14 +47,14 @@ fn a_verification_says_what_to_do_next_and_so_does_the_set_afterwards() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 15", "ER20-0135");
-    let first = hall.identified(&robot, "first_noisy.csv");
-    let second = hall.set(&robot, "followup_unchanged.csv", "second");
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 15", "ER20-0135");
+    let first = plant.identified(&robot, "first_noisy.csv");
+    let second = plant.set(&robot, "followup_unchanged.csv", "second");
     let request = json!({"kind": "verify", "measurement_set_id": second, "parameter_set_id": first["parameter_set_id"]});
-    let verification = hall.server.finished(&hall.server.job(&robot, &request));
-    let key = hall.key(&["read", "upload", "identify", "release"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let verification = plant.server.finished(&plant.server.job(&robot, &request));
+    let key = plant.key(&["read", "upload", "identify", "release"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("result to review").await;
         browser.go(&job_page(&verification)).await;
@@ -89,8 +89,8 @@ fn what_columns_mean_is_asked_once() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 16", "ER20-0136");
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 16", "ER20-0136");
     let text = std::fs::read_to_string(data("first_noisy.csv")).unwrap();
     let (header, rows) = text.split_once('\n').unwrap();
     let renamed = header
@@ -99,8 +99,8 @@ fn what_columns_mean_is_asked_once() {
         .replace("_mm", "");
     assert_ne!(renamed, header);
     let odd = format!("{renamed}\n{rows}");
-    let key = hall.key(&["read", "upload", "identify"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let key = plant.key(&["read", "upload", "identify"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("not calibrated").await;
         browser.go(&format!("/#/robots/{robot}")).await;
@@ -141,16 +141,16 @@ fn archived_robots_are_found_and_jobs_are_counted_by_the_service() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 17", "ER20-0137");
-    let scrapped = hall.robot("Cell 18, scrapped", "ER20-0138");
-    hall.identified(&robot, "first_noisy.csv");
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 17", "ER20-0137");
+    let scrapped = plant.robot("Cell 18, scrapped", "ER20-0138");
+    plant.identified(&robot, "first_noisy.csv");
     let reason = json!({"reason": "scrapped"}).to_string().into_bytes();
     let path = format!("/v1/robots/{scrapped}/archive");
-    let (status, answer) = hall.server.post(&path, "application/json", reason);
+    let (status, answer) = plant.server.post(&path, "application/json", reason);
     assert_eq!(status, 200, "{answer}");
-    let key = hall.key(&["read"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let key = plant.key(&["read"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("result to review").await;
         assert!(!browser.text().await.contains("scrapped"));
@@ -171,8 +171,8 @@ fn archived_robots_are_found_and_jobs_are_counted_by_the_service() {
 }
 
 /// The table of a plan, as it is downloaded.
-async fn downloaded_plan(browser: &Browser, hall: &Plant) -> String {
-    let folder = hall.folder.path().join("downloads");
+async fn downloaded_plan(browser: &Browser, plant: &Plant) -> String {
+    let folder = plant.folder.path().join("downloads");
     browser.download_to(&folder).await;
     browser
         .button("Download as CSV")
@@ -190,10 +190,10 @@ fn a_plan_within_typed_joint_limits_is_downloaded_with_a_row_for_each_pose() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 19", "ER20-0139");
-    let key = hall.key(&["admin"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 19", "ER20-0139");
+    let key = plant.key(&["admin"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("not calibrated").await;
         browser.go(&format!("/#/robots/{robot}")).await;
@@ -229,7 +229,7 @@ fn a_plan_within_typed_joint_limits_is_downloaded_with_a_row_for_each_pose() {
         browser.until_it_says("Joint values").await;
         // The last poses repeat the first ones, and say so.
         browser.until_it_says("pose 3").await;
-        let table = downloaded_plan(browser, &hall).await;
+        let table = downloaded_plan(browser, &plant).await;
         assert_eq!(
             table.lines().count(),
             1 + 30,
@@ -249,10 +249,10 @@ fn a_plan_keeps_out_of_the_boxes_that_were_typed() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 20", "ER20-0140");
-    let key = hall.key(&["admin"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 20", "ER20-0140");
+    let key = plant.key(&["admin"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("not calibrated").await;
         browser.go(&format!("/#/robots/{robot}/plan")).await;
@@ -270,7 +270,7 @@ fn a_plan_keeps_out_of_the_boxes_that_were_typed() {
         browser.button("Plan").await.click().await.unwrap();
         browser.until_it_says("Joint values").await;
         browser.until_it_says("place 2").await;
-        let table = downloaded_plan(browser, &hall).await;
+        let table = downloaded_plan(browser, &plant).await;
         let mut lines = table.lines();
         let header = lines.next().unwrap();
         assert_eq!(

@@ -1,7 +1,7 @@
 //! The dashboard under difficult conditions: another key, a server that is down, large sets and long histories.
 
 use crate::browser::{Browser, Driver};
-use crate::hall::{Plant, data};
+use crate::plant::{Plant, data};
 use crate::process::{Server, kincal};
 use crate::{in_browser, in_browser_at, in_place, sign_in};
 use serde_json::{Value, json};
@@ -15,10 +15,10 @@ fn a_key_that_opens_nothing_leads_back_to_the_sign_in() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    hall.robot("Cell 1", "ER20-0101");
-    let (no_reader, reader) = (hall.key(&["upload"]), hall.key(&["read"]));
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let plant = Plant::open();
+    plant.robot("Cell 1", "ER20-0101");
+    let (no_reader, reader) = (plant.key(&["upload"]), plant.key(&["read"]));
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &no_reader).await;
         browser.until_it_says("This key may not read").await;
         // Keys as an editor or a chat program changes them.
@@ -45,12 +45,12 @@ fn a_live_job_outlives_a_restart_of_the_server() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 2", "ER20-0102");
-    let set = hall.set(&robot, "first_noisy.csv", "first");
-    let job = hall.long_job(&robot, &set);
-    let key = hall.key(&["read", "identify"]);
-    let Plant { server, folder } = hall;
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 2", "ER20-0102");
+    let set = plant.set(&robot, "first_noisy.csv", "first");
+    let job = plant.long_job(&robot, &set);
+    let key = plant.key(&["read", "identify"]);
+    let Plant { server, folder } = plant;
     let url = server.url.clone();
     // The second server ends after the browser, because it cannot end within the browser's steps.
     let (mut server, mut again) = (Some(server), None);
@@ -89,19 +89,19 @@ fn the_active_set_is_found_however_many_came_after_it() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 3", "ER20-0103");
-    let set = hall.set(&robot, "first_noisy.csv", "first");
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 3", "ER20-0103");
+    let set = plant.set(&robot, "first_noisy.csv", "first");
     let request =
         json!({"measurement_set_id": set, "method": "least_squares", "corrections": "off"});
-    let ask = || hall.server.job(&robot, &request);
-    let first = hall.server.finished(&ask());
-    hall.release(&first, "the first one");
+    let ask = || plant.server.job(&robot, &request);
+    let first = plant.server.finished(&ask());
+    plant.release(&first, "the first one");
     let asked: Vec<_> = (0..LISTED).map(|_| ask()).collect();
     let last = asked.last().unwrap();
-    hall.server.finished(last);
-    let key = hall.key(&["read"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    plant.server.finished(last);
+    let key = plant.key(&["read"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("newer result to review").await;
         let active = browser
@@ -131,17 +131,18 @@ fn what_cannot_be_fetched_is_said_and_robots_are_listed_once() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 4", "ER20-0104");
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 4", "ER20-0104");
     let text = json_set();
     let path = format!("/v1/robots/{robot}/measurement-sets?frame=base&name=by%20hand");
-    hall.server
+    plant
+        .server
         .create(&path, "application/json", text.clone().into_bytes());
     for i in 0..24 {
-        hall.robot(&format!("Other {i}"), &format!("ER20-1{i:03}"));
+        plant.robot(&format!("Other {i}"), &format!("ER20-1{i:03}"));
     }
-    let key = hall.key(&["read"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let key = plant.key(&["read"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("Show more").await;
         browser
@@ -155,7 +156,7 @@ fn what_cannot_be_fetched_is_said_and_robots_are_listed_once() {
             25
         );
 
-        let folder = hall.folder.path().join("downloads");
+        let folder = plant.folder.path().join("downloads");
         browser.download_to(&folder).await;
         browser
             .run(&format!("location.hash = '#/robots/{robot}'"))
@@ -202,12 +203,12 @@ fn a_wrong_file_is_read_as_the_refusal_says_by_one_click() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 25", "ER20-0145");
-    let key = hall.key(&["read", "upload"]);
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 25", "ER20-0145");
+    let key = plant.key(&["read", "upload"]);
     let radians = with_joints(|_, q_deg| q_deg.to_radians());
     let other_way = with_joints(|joint, q_deg| if joint == 2 { -q_deg } else { q_deg });
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("not calibrated").await;
         browser.go(&format!("/#/robots/{robot}")).await;
@@ -237,7 +238,7 @@ fn a_wrong_file_is_read_as_the_refusal_says_by_one_click() {
         browser.until_it_says("other: 100 points in 100").await;
         browser.assert_quiet(&[422]).await;
     });
-    let (_, stored) = hall.server.get(&format!("/v1/robots/{robot}"));
+    let (_, stored) = plant.server.get(&format!("/v1/robots/{robot}"));
     assert_eq!(stored["joint_map"]["sign"][1], json!(-1.0));
 }
 
@@ -271,9 +272,9 @@ fn faults_are_shown_on_the_lines_that_an_editor_has_them_on() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 5", "ER20-0105");
-    let key = hall.key(&["read", "upload"]);
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 5", "ER20-0105");
+    let key = plant.key(&["read", "upload"]);
     let lines = lines();
     let of = |i: usize| lines[i].split_once(',').unwrap().1;
     // Line 1 is the header, 2 is row 0, 3 is empty, 4 has spaces, 5 and 6 are row 1, 7 is row 2.
@@ -284,7 +285,7 @@ fn faults_are_shown_on_the_lines_that_an_editor_has_them_on() {
         of(1),
         of(2)
     );
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("not calibrated").await;
         browser
@@ -318,8 +319,8 @@ fn a_large_set_is_drawn_with_as_many_arrows_as_can_be_told_apart() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 6", "ER20-0106");
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 6", "ER20-0106");
     let lines = lines();
     let x_at = lines[0].split(',').position(|name| name == "x_mm").unwrap();
     // measured again, so no two rows are alike
@@ -331,18 +332,18 @@ fn a_large_set_is_drawn_with_as_many_arrows_as_can_be_told_apart() {
         cells.join(",") + "\n"
     });
     let text = format!("{}\n{}", lines[0], rows.collect::<String>());
-    let set = hall.server.create(
+    let set = plant.server.create(
         &format!("/v1/robots/{robot}/measurement-sets?frame=base&name=large"),
         "text/csv",
         text.into_bytes(),
     );
-    let job = hall.server.job(
+    let job = plant.server.job(
         &robot,
         &json!({"measurement_set_id": set, "method": "least_squares", "corrections": "off"}),
     );
-    hall.server.finished(&job);
-    let key = hall.key(&["read"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    plant.server.finished(&job);
+    let key = plant.key(&["read"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("result to review").await;
         browser

@@ -1,7 +1,7 @@
 //! The list of robots and the pages of a robot and its jobs say the same, and follow what runs.
 
 use crate::browser::{Browser, DESKTOP, Driver, Look, PHONE};
-use crate::hall::{Plant, data, job_page};
+use crate::plant::{Plant, data, job_page};
 use crate::{in_browser, in_place, sign_in};
 use serde_json::json;
 
@@ -22,25 +22,25 @@ fn a_robot_that_drifted_in_production_comes_first_and_its_figure_is_seen_on_a_ph
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
+    let plant = Plant::open();
     // by its name it would come last
-    let drifted = hall.robot("Z in production", "ER20-0150");
-    let set = |robot: &str, file: &str| hall.set(robot, file, file);
+    let drifted = plant.robot("Z in production", "ER20-0150");
+    let set = |robot: &str, file: &str| plant.set(robot, file, file);
     let first = set(&drifted, "first_noisy.csv");
-    let released = hall.calibrated(&drifted, &first, "least_squares");
-    hall.release(&released, "the first one");
+    let released = plant.calibrated(&drifted, &first, "least_squares");
+    plant.release(&released, "the first one");
     let path = format!("/v1/robots/{drifted}/measurement-sets?frame=base&name=later");
-    let newer = hall
+    let newer = plant
         .server
         .create(&path, "text/csv", with_a_shifted_zero().into_bytes());
-    hall.calibrated(&drifted, &newer, "least_squares");
+    plant.calibrated(&drifted, &newer, "least_squares");
     for name in ["A new", "B new"] {
-        let robot = hall.robot(name, name);
+        let robot = plant.robot(name, name);
         let points = set(&robot, "first_noisy.csv");
-        hall.calibrated(&robot, &points, "least_squares");
+        plant.calibrated(&robot, &points, "least_squares");
     }
-    let key = hall.key(&["read", "upload"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let key = plant.key(&["read", "upload"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser
             .until("document.querySelector('tbody tr')?.innerText.includes('Z in production') && document.querySelector('tbody tr').innerText.includes('drifted')")
@@ -93,8 +93,8 @@ fn a_result_that_does_not_fit_is_called_so_everywhere() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 30", "ER20-0151");
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 30", "ER20-0151");
     // the positions belong to other rows
     let text = std::fs::read_to_string(data("first_noisy.csv")).unwrap();
     let rows: Vec<Vec<&str>> = text
@@ -110,10 +110,12 @@ fn a_result_that_does_not_fit_is_called_so_everywhere() {
     let path = format!(
         "/v1/robots/{robot}/measurement-sets?frame=base&name=shuffled&insist=poor_alignment"
     );
-    let set = hall.server.create(&path, "text/csv", shuffled.into_bytes());
-    let job = hall.calibrated(&robot, &set, "least_squares");
-    let key = hall.key(&["read"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let set = plant
+        .server
+        .create(&path, "text/csv", shuffled.into_bytes());
+    let job = plant.calibrated(&robot, &set, "least_squares");
+    let key = plant.key(&["read"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("Release refused: ").await;
         let text = browser.text().await;
@@ -157,28 +159,28 @@ fn pages_of_jobs_and_robots_follow_what_runs_and_an_archived_robot_asks_for_noth
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 31", "ER20-0152");
-    let set = hall.set(&robot, "first_noisy.csv", "first");
-    let key = hall.key(&["read"]);
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 31", "ER20-0152");
+    let set = plant.set(&robot, "first_noisy.csv", "first");
+    let key = plant.key(&["read"]);
     let cancel = |job: &str| {
         let path = format!("/v1/jobs/{job}/cancel");
-        let answer = in_place(|| hall.server.post(&path, "application/json", b"{}".to_vec()));
+        let answer = in_place(|| plant.server.post(&path, "application/json", b"{}".to_vec()));
         assert!([200, 202].contains(&answer.0), "{}", answer.1);
     };
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("Cell 31").await;
         let badge = "document.querySelector('.robots tbody')?.innerText.includes('calibrating')";
-        let job = in_place(|| hall.long_job(&robot, &set));
+        let job = in_place(|| plant.long_job(&robot, &set));
         browser.go("/#/").await;
         browser.until(&format!("{badge} === true")).await;
         cancel(&job);
         browser.until(&format!("{badge} === false")).await;
-        let job = in_place(|| hall.long_job(&robot, &set));
+        let job = in_place(|| plant.long_job(&robot, &set));
         for page in ["/#/jobs".to_owned(), format!("/#/robots/{robot}")] {
             let job = match page.contains("robots") {
-                true => in_place(|| hall.long_job(&robot, &set)),
+                true => in_place(|| plant.long_job(&robot, &set)),
                 false => job.clone(),
             };
             browser.go(&page).await;
@@ -194,7 +196,7 @@ fn pages_of_jobs_and_robots_follow_what_runs_and_an_archived_robot_asks_for_noth
                 .await;
         }
         // while it runs, its page shows the arm
-        let job = in_place(|| hall.long_job(&robot, &set));
+        let job = in_place(|| plant.long_job(&robot, &set));
         // such a page is busy as long as the job runs
         browser
             .run(&format!("location.hash = '#/jobs/{job}'"))
@@ -207,7 +209,7 @@ fn pages_of_jobs_and_robots_follow_what_runs_and_an_archived_robot_asks_for_noth
         let path = format!("/v1/robots/{robot}/archive");
         let body = json!({"reason": "sold"}).to_string().into_bytes();
         let (status, answer) =
-            in_place(|| hall.server.post(&path, "application/json", body.clone()));
+            in_place(|| plant.server.post(&path, "application/json", body.clone()));
         assert_eq!(status, 200, "{answer}");
         browser.go(&format!("/#/robots/{robot}")).await;
         browser.until_it_says("This robot was archived").await;

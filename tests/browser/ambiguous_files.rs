@@ -1,7 +1,7 @@
 //! What a file leaves open is asked, and what several causes explain is told as such: conventions, tips, sheets, mirrored tables, the pendant.
 
 use crate::browser::{Browser, Driver, Picture};
-use crate::hall::{Plant, data, job_hash, job_page};
+use crate::plant::{Plant, data, job_hash, job_page};
 use crate::{in_browser, in_place, sign_in};
 use kincal::kinematics::{Robot, t_base_flange};
 use kincal::wire::robot::RobotBody;
@@ -46,10 +46,10 @@ fn no_convention_of_a_table_of_links_is_assumed() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let key = hall.key(&["read", "upload"]);
+    let plant = Plant::open();
+    let key = plant.key(&["read", "upload"]);
     let table = "a_mm,alpha_deg,d_mm,theta_offset_deg\n0,90,400,0\n300,0,0,0\n20,90,0,90\n0,-90,320,0\n0,90,0,0\n0,0,90,0\n";
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("There is no robot yet").await;
         for name in ["arm.csv", "another.csv"] {
@@ -75,8 +75,8 @@ fn the_end_of_an_arm_with_several_tips_is_chosen_and_what_was_read_is_said() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let key = hall.key(&["read", "upload"]);
+    let plant = Plant::open();
+    let key = plant.key(&["read", "upload"]);
     let joint = |name: &str, kind: &str, parent: &str, child: &str, at: &str| {
         format!(
             "<joint name=\"{name}\" type=\"{kind}\"><parent link=\"{parent}\"/><child link=\"{child}\"/><origin xyz=\"{at}\"/><axis xyz=\"0 0 1\"/><limit lower=\"-3\" upper=\"3\" effort=\"1\" velocity=\"1\"/></joint>"
@@ -93,7 +93,7 @@ fn the_end_of_an_arm_with_several_tips_is_chosen_and_what_was_read_is_said() {
         joint("jt", "fixed", "l2", "tool0", "0.2 0 0"),
         joint("jc", "fixed", "l2", "camera", "0 0.1 0.1")
     );
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("There is no robot yet").await;
         choose(browser, "#robot-file", "two.urdf", &urdf).await;
@@ -149,17 +149,17 @@ fn a_mirrored_table_is_no_reason_to_change_the_joint_map_of_a_library_arm() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let (_, model) = hall.server.get("/v1/robot-models/kuka_kr10_r1100_2");
+    let plant = Plant::open();
+    let (_, model) = plant.server.get("/v1/robot-models/kuka_kr10_r1100_2");
     let body: RobotBody = serde_json::from_value(model["robot"].clone()).unwrap();
-    let robot = hall.server.create(
+    let robot = plant.server.create(
         "/v1/robots",
         "application/json",
         model["robot"].to_string().into_bytes(),
     );
-    let key = hall.key(&["read", "upload"]);
+    let key = plant.key(&["read", "upload"]);
     let table = mirrored(&body);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("not calibrated").await;
         browser.go(&format!("/#/robots/{robot}")).await;
@@ -193,7 +193,7 @@ fn a_mirrored_table_is_no_reason_to_change_the_joint_map_of_a_library_arm() {
             .await;
         browser.assert_quiet(&[422]).await;
     });
-    let (_, stored) = hall.server.get(&format!("/v1/robots/{robot}"));
+    let (_, stored) = plant.server.get(&format!("/v1/robots/{robot}"));
     assert_eq!(stored["joint_map"], model["robot"]["joint_map"]);
 }
 
@@ -202,8 +202,8 @@ fn two_sheets_of_one_workbook_are_the_robots_and_the_instruments_file() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 26", "ER20-0146");
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 26", "ER20-0146");
     let text = std::fs::read_to_string(data("first_noisy.csv")).unwrap();
     let part = |from: usize, to: usize| -> Vec<Vec<String>> {
         let row = |(i, line): (usize, &str)| {
@@ -221,7 +221,7 @@ fn two_sheets_of_one_workbook_are_the_robots_and_the_instruments_file() {
     };
     let (joints, positions) = (part(2, 8), part(8, 11));
     let book = crate::workbooks::xlsx(&[("Robot", &joints), ("Tracker", &positions)]);
-    let key = hall.key(&["read", "upload"]);
+    let key = plant.key(&["read", "upload"]);
     let drop = |names: &str| {
         format!(
             "const dropped = new DataTransfer(); for (const name of {names}) dropped.items.add(new File([new Uint8Array({})], name));
@@ -229,7 +229,7 @@ fn two_sheets_of_one_workbook_are_the_robots_and_the_instruments_file() {
             json!(book)
         )
     };
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.go(&format!("/#/robots/{robot}")).await;
         browser.until("document.querySelector('#set-file')").await;
@@ -260,19 +260,19 @@ fn a_posture_is_compared_with_the_pendant_and_says_what_it_does_not_show() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
+    let plant = Plant::open();
     let mut body: Value =
         serde_json::from_slice(&std::fs::read(data("robot.json")).unwrap()).unwrap();
     body["links"][0]["joint_limits_deg"] = json!([-170, 170]);
     let bytes = body.to_string().into_bytes();
-    let robot = hall.server.create("/v1/robots", "application/json", bytes);
+    let robot = plant.server.create("/v1/robots", "application/json", bytes);
     let q_deg = [12.0, -31.0, 22.0, 15.0, 41.0, 77.0];
     let body = json!({"q_deg": q_deg}).to_string().into_bytes();
     let path = format!("/v1/robots/{robot}/posture");
-    let (_, shown) = hall.server.post(&path, "application/json", body);
+    let (_, shown) = plant.server.post(&path, "application/json", body);
     let number = |of: &Value, i: usize| of[i].as_f64().unwrap();
-    let key = hall.key(&["read"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let key = plant.key(&["read"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.go(&format!("/#/robots/{robot}")).await;
         browser.until("document.querySelector('#posture')").await;
@@ -319,16 +319,16 @@ fn a_serial_number_is_stated_by_whoever_read_it_and_stays_with_the_set() {
     let Some(driver) = Driver::start() else {
         return;
     };
-    let hall = Plant::open();
-    let robot = hall.robot("Cell 28", "ER20-0148");
+    let plant = Plant::open();
+    let robot = plant.robot("Cell 28", "ER20-0148");
     let path = format!(
         "/v1/robots/{robot}/measurement-sets?frame=base&name=first&serial_number=ER20-0148"
     );
     let bytes = std::fs::read(data("first_noisy.csv")).unwrap();
-    let set = hall.server.create(&path, "text/csv", bytes);
-    let job = hall.calibrated(&robot, &set, "least_squares");
-    let key = hall.key(&["read", "upload", "identify"]);
-    in_browser(&driver, &hall.server, async |browser: &Browser| {
+    let set = plant.server.create(&path, "text/csv", bytes);
+    let job = plant.calibrated(&robot, &set, "least_squares");
+    let key = plant.key(&["read", "upload", "identify"]);
+    in_browser(&driver, &plant.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.go(&format!("/#/robots/{robot}")).await;
         browser
@@ -355,7 +355,7 @@ fn a_serial_number_is_stated_by_whoever_read_it_and_stays_with_the_set() {
             .await;
         browser.until_it_says("of the held-out points").await;
         let path = format!("/v1/robots/{robot}/measurement-sets");
-        let (_, sets) = in_place(|| hall.server.get(&path));
+        let (_, sets) = in_place(|| plant.server.get(&path));
         let items = sets["items"].as_array().unwrap();
         assert_eq!(items.len(), 2);
         for set in items {
