@@ -94,7 +94,7 @@ FAULTS = [
     Fault("an instrument that is off is released", "service", "a_reference_states_the_scale", [
         ("let passes = reference.at_reach_std_mm <= MAX_SCALE_PER_ERROR * found_mm;", "let passes = reference.at_reach_std_mm >= 0.0 * found_mm;")], "src/release"),
     Fault("a work frame of any station", "service", "a_work_frame_is_measured_from_the_station", [
-        ("if stated == Some(*of_parameters) || stated.is_none() && all.len() == 1 {", "if stated == Some(*of_parameters) || true {")], "src/wire"),
+        ("if stated == Some(*of_parameters) || stated.is_none() && all.len() == 1 {", "if stated == Some(*of_parameters) || true {")], "src/operations"),
     Fault("withdrawn sets are exported", "service", "a_withdrawn_set_does_not_return_with_other_options", [
         ("if row.status == ParameterSetStatus::Withdrawn {\n        let reason = row.withdraw_reason.as_deref().unwrap_or_default();\n        let detail = format!(\n            \"the parameter set was withdrawn ({reason}), and", "if row.status == ParameterSetStatus::Withdrawn && false {\n        let reason = row.withdraw_reason.as_deref().unwrap_or_default();\n        let detail = format!(\n            \"the parameter set was withdrawn ({reason}), and")], "src/http"),
     Fault("a plan runs into the fixture", "core", "the_arm_keeps_out_of_boxes", [
@@ -131,7 +131,7 @@ FAULTS = [
     Fault("a work frame of another set-up is used", "core", "a_work_frame_from_another_set_up_is_refused", [
         ("if is_measuring && !is_own && from.provenance", "if false && !is_own && from.provenance")], "src/operations"),
     Fault("a drawing in inches is kept", "service", "a_work_frame_whose_points_do_not_fit_is_refused", [
-        ('body.fitting_work_frame("/points")?;', "body.work_frame()?;")], "src/http"),
+        ('fitting_work_frame(body, "/points")?;', "work_frame(body)?;")], "src/operations"),
     Fault("the wrist may flip", "core", "the_posture_is_the_nearest_one", [
         ("if nearest.status == Status::Ok", "if false && nearest.status == Status::Ok")], "core/src/compensation"),
     Fault("poses of a measured work frame are in the base frame", "core", "cartesian_targets_in_a_measured_work_frame", [
@@ -178,11 +178,11 @@ FAULTS = [
     Fault("an old upload is new when it is identified again", "service", "an_old_upload_that_is_identified_again", [
         ("(v.uploaded > own.uploaded or (v.uploaded = own.uploaded and v.seq > own.seq))", "(v.seq > own.seq)")], "src/store"),
     Fault("a withdrawn set comes back by its upload", "service", "the_same_upload_identified_again", [
-        ("has_same_values(&own, &other_values)", "false"), ("(is_of_same_points && is_same_tool())", "(false && is_same_tool())")], "src/jobs"),
+        ("has_same_values(own, other)", "false"), ("(is_of_same_points && is_same_tool())", "(false && is_same_tool())")], "src/release"),
     Fault("a reflector that was mounted again hides the noise", "core", "with_its_reflector_mounted_again", [
         ("pair.difference_mm -= Vector3::new(explained[0]", "pair.difference_mm -= 0.0 * Vector3::new(explained[0]")], "core/src/calibration"),
     Fault("a withdrawn set comes back with another loss", "service", "with_other_options", [
-        ("(is_of_same_points && is_same_tool())", "(false && is_same_tool())")], "src/jobs"),
+        ("(is_of_same_points && is_same_tool())", "(false && is_same_tool())")], "src/release"),
     Fault("a withdrawn set comes back by the sessions that it passed", "service", "with_other_options", [
         ("&& counts(session)", "")], "src/release"),
     Fault("old sessions verify what is uploaded late", "service", "an_old_file_that_is_uploaded_late", [

@@ -11,10 +11,11 @@ import { MATTERS, NO_USE, REMEDIES, WARNINGS } from "./words.js";
 export function uselessBy(report) {
   const told = (code) => report.warnings.find((remark) => remark.code === code);
   const code = Object.keys(NO_USE).find((known) => known !== "insisted_upload" && told(known));
-  const refused = told("insisted_upload")?.detail ?? code ?? "";
-  if (refused.includes("poor_alignment")) return code;
+  // the text of that warning begins so, and the code of the refusal follows
+  const refused = told("insisted_upload")?.detail.match(/^the points were refused as (\w+)/)?.[1] ?? code;
+  if (refused === "poor_alignment") return code;
   // what was refused and insisted on is told before what a wrong file looks like
-  return ["no_fit", "joint_map_suspect"].includes(code) && !refused.includes(code) ? "insisted_upload" : code;
+  return ["no_fit", "joint_map_suspect"].includes(code) && refused !== code ? "insisted_upload" : code;
 }
 
 /** Where a parameter set is verified: the upload form, which then scores it and takes the frame of its points. */

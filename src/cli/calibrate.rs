@@ -19,7 +19,9 @@ use crate::jobs::JobFailure;
 use crate::jobs::execution;
 use crate::kinematics::Robot;
 use crate::operations::rotation_convention::with_best_convention;
-use crate::release::{accept_misfit, accept_rotations, headline, insisted_code, provenance};
+use crate::release::{
+    accept_misfit, accept_rotations, headline, insisted_code, provenance, unread_labels,
+};
 use crate::report_page::words;
 use crate::report_page::{self, MeasuredSet, Sources};
 use crate::wire::export::ExportDocument;
@@ -31,7 +33,6 @@ use crate::wire::report_shape::{CheckReport, Report};
 use crate::wire::robot::RobotBody;
 use crate::wire::session_record::SessionRecord;
 use crate::wire::suspicion::Insist;
-use crate::wire::understood::Reading;
 use crate::wire::warning::Warning;
 use crate::wire::{Invalid, canonical};
 use anyhow::Context;
@@ -237,7 +238,7 @@ fn read_session(path: &Path, robot: &Robot, arguments: &Arguments) -> anyhow::Re
             Warning::from(warning).with_point_names(|row| set.points.get(row)?.name.as_deref());
         eprintln!("{}", table::warning_in_words(&warning));
     }
-    let unread = reading.as_ref().and_then(Reading::unread_labels);
+    let unread = reading.as_ref().and_then(unread_labels);
     // The same checks as on a server. The fit can look perfect with wrong units, columns, rotations or joints.
     let insist = arguments.set_options.insist;
     let refused = |invalid: Invalid| Usage(cannot_be_used(&shown, &invalid.issues));

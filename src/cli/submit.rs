@@ -105,7 +105,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let paths = std::iter::once(&arguments.set).chain(&arguments.sessions.session);
     let sources: Vec<Source<'_>> = paths
-        .map(|path| Source::of(path, &arguments.table))
+        .map(|path| Source::from_path(path, &arguments.table))
         .collect::<anyhow::Result<_>>()?;
     block_on(async {
         let client = arguments.server.client()?;
@@ -211,7 +211,7 @@ enum Source<'a> {
 
 impl<'a> Source<'a> {
     /// An argument that is an id and no file names a set of the server.
-    fn of(path: &'a Path, table: &TableOptions) -> anyhow::Result<Self> {
+    fn from_path(path: &'a Path, table: &TableOptions) -> anyhow::Result<Self> {
         let is_id = |text: &&str| {
             let digits = text.strip_prefix("set_").unwrap_or_default();
             digits.len() == 32 && digits.bytes().all(|byte| byte.is_ascii_hexdigit())

@@ -228,7 +228,12 @@ fn from_conflict(conflict: &store::Conflict) -> Problem {
             ": check the gates again, then try again",
         ),
         C::RefusedBySchema { .. } => (409, "release_refused", ": see its gates"),
-        C::RobotArchived | C::Archived { .. } => (409, "archived", ": restore it first"),
+        C::RobotArchived => (409, "archived", ": restore it first"),
+        C::Archived { .. } => (
+            409,
+            "archived",
+            ": restore it, or send the request again; if the request names it, leave it out",
+        ),
         C::NotArchivable { .. } => (409, "not_archivable", ""),
         C::RobotChanged => (409, "robot_changed", ": read it again, then try again"),
         C::JointMapReleased => (

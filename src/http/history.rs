@@ -2,7 +2,7 @@
 
 use crate::http::extract::{Item, Query};
 use crate::http::list_query::PlainListQuery;
-use crate::http::{App, Error, access, parameter_sets as answers};
+use crate::http::{App, Error, access, parameter_sets as parameter_set_answers};
 use crate::jobs::JobInputs;
 use crate::jobs::estimate::stored_estimate;
 use crate::jobs::request::parse_request;
@@ -47,7 +47,7 @@ pub async fn history(
             changed,
             verify,
             ..
-        } = answers::report_summary(&app, &permit, &row.job_id).await?;
+        } = parameter_set_answers::report_summary(&app, &permit, &row.job_id).await?;
         let answer = ParameterSetAnswer::try_from(&row)?;
         items.push(HistoryItem {
             parameter_set_id: answer.id,
@@ -179,7 +179,7 @@ fn identified(
     let estimate = stored_estimate(estimate_json, &inputs.robot, Some(request.model()));
     Ok(IdentifiedSet {
         id: row.id.clone(),
-        content: answers::content(row)?,
+        content: parameter_set_answers::content(row)?,
         request,
         uploads_sha256: inputs
             .sets

@@ -5,10 +5,9 @@ use crate::http::auth::Caller;
 use crate::http::{App, Error, access};
 use crate::jobs::MeasurementSetInput;
 use crate::release::facts::UNUSABLE_FIT;
-use crate::store::jobs as stored;
 use crate::store::{
     self, MeasurementSetRow, NetworkRow, NetworkWeights, ParameterSetRow, RobotRow, frames,
-    job_sources, measurement_sets, networks, parameter_sets,
+    job_sources, jobs, measurement_sets, networks, parameter_sets,
 };
 use crate::wire::frames::FramesContent;
 use crate::wire::id;
@@ -278,7 +277,7 @@ async fn scored_frame(
     let Some(set) = scored.filter(|_| request.kind.scores()) else {
         return Ok(None);
     };
-    let job = stored::get(&app.store, &set.job_id).await?;
+    let job = jobs::get(&app.store, &set.job_id).await?;
     let upload = measurement_sets::get(&app.store, &job.measurement_set_id).await?;
     Ok(Some(upload.frame))
 }
@@ -344,7 +343,7 @@ async fn residual_networks(
     let mut sources = Vec::with_capacity(found.len());
     for network in found {
         let row = networks::get(&app.store, &network.id).await?;
-        let job = stored::get(&app.store, &row.job_id).await?;
+        let job = jobs::get(&app.store, &row.job_id).await?;
         sources.push(ResidualSource {
             sets: MeasurementSetInput::read_of(&app.store, &job).await?,
             trained_on_sha256: uploads_trained_on(app, &network.id).await?,
@@ -358,7 +357,7 @@ async fn residual_networks(
 /// Hashes of the uploads on which a residual network is based: those of its job and of that job's sources.
 async fn uploads_trained_on(app: &App, network_id: &str) -> Result<Vec<String>, Error> {
     let network = networks::get(&app.store, network_id).await?;
-    let job = stored::get(&app.store, &network.job_id).await?;
+    let job = jobs::get(&app.store, &network.job_id).await?;
     let sources = job_sources::uploads(&app.store, &job.id).await?;
     let sources = sources
         .iter()

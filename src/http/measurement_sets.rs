@@ -10,7 +10,7 @@ use crate::http::table_upload::{refuse_other_types, stated_columns, table_type};
 use crate::http::upload_check::{self, Misfit};
 use crate::http::{App, Error, access, references};
 use crate::operations::rotation_convention::with_best_convention;
-use crate::release::{AcceptedMisfit, accept_rotations};
+use crate::release::{AcceptedMisfit, accept_rotations, unread_labels};
 use crate::store::{MeasurementSetRow, NewMeasurementSet, Tx, measurement_sets};
 use crate::wire::columns::ColumnsBody;
 use crate::wire::content_type::{
@@ -183,7 +183,7 @@ pub async fn create(
         upload.warnings.extend(warning.as_ref().map(Warning::from));
     }
     if let Some(misfit) = upload.misfit.take() {
-        let unread = upload.reading.as_ref().and_then(Reading::unread_labels);
+        let unread = upload.reading.as_ref().and_then(unread_labels);
         let caller = &submission.caller;
         let accepted =
             upload_check::diagnose(app, caller, &robot_id, misfit, insist, unread).await?;

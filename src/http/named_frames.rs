@@ -7,6 +7,7 @@ use crate::http::list_query::{NewestListQuery, list_of_robot};
 use crate::http::measurement_sets::points_of;
 use crate::http::named_documents::DocumentAnswer;
 use crate::http::{App, Error, access, named_documents};
+use crate::operations::{check_new_work_frame, check_station, work_frame_answer};
 use crate::store::named_documents::NamedDocumentKind;
 use crate::store::{self, NamedDocumentRow, measurement_sets};
 use crate::wire::id;
@@ -53,8 +54,7 @@ pub async fn put_work_frame(
 ) -> Result<Response, Error> {
     let app = &submission.app;
     let body: WorkFrameBody = checked_body(&robot_id, &name, &submission).await?;
-    body.fitting_work_frame("/points")?;
-    body.check_std()?;
+    check_new_work_frame(&body)?;
     if let Some(set_id) = &body.measurement_set_id {
         let (at, what) = ("/measurement_set_id", "measurement set");
         id::check(at, set_id, what)?;
@@ -64,7 +64,7 @@ pub async fn put_work_frame(
         let n_joints = access::robot_body(&robot)?.links.len();
         let permit = app.limits.compute_permit(submission.caller.class).await?;
         let points = points_of(app, &permit, set, n_joints).await?;
-        body.check_station(&points)?;
+        check_station(&body, &points)?;
     }
     named_documents::put::<WorkFrameAnswer>(&robot_id, &name, &submission, body).await
 }
@@ -136,7 +136,8 @@ impl TryFrom<&NamedDocumentRow> for WorkFrameAnswer {
 
     fn try_from(row: &NamedDocumentRow) -> Result<Self, Error> {
         let body: WorkFrameBody = serde_json::from_str(&row.content_json)?;
-        Ok(body.answer(row.name.clone(), rfc3339(row.created_at_ms))?)
+        let created_at = rfc3339(row.created_at_ms);
+        Ok(work_frame_answer(body, row.name.clone(), created_at)?)
     }
 }
 

@@ -5,16 +5,14 @@ use crate::http::extract::Query;
 use crate::http::history::scored_sessions;
 use crate::http::list_query::NamedListQuery;
 use crate::http::{App, Error};
-use crate::jobs::evidence::session;
-use crate::release::guard_band::rule_in_force;
+use crate::jobs::evidence::{policy_in_force, session};
 use crate::release::needs::{NeedFacts, need};
-use crate::release::{self, LastMisfit, StoredFacts, may_have_trend};
+use crate::release::{self, LastMisfit, PointsSeq, StoredFacts, may_have_trend};
 use crate::store::overview::{self, OverviewRow};
 use crate::store::{VerificationRow, verifications};
 use crate::wire::overview::{JobOverview, Need, RobotOverview, SessionOverview, SetOverview};
 use crate::wire::page::Page;
 use crate::wire::parameter_set::ParameterSetStatus;
-use crate::wire::policy::PolicyBody;
 use crate::wire::report_summary::ReportSummary;
 use crate::wire::robot::{Robot, RobotBody};
 use crate::wire::time::rfc3339;
@@ -57,7 +55,7 @@ pub async fn list(
         let refused_by = first_refusal(&row, of_newest.unwrap_or_default())?;
         let scored = scored_of.get(&row.id);
         let days_to_limit =
-            scored.and_then(|scored| release::trend(scored, row.tolerance_mm).days_to_limit);
+            scored.and_then(|scored| release::trend(scored, row.policy.tolerance_mm).days_to_limit);
         items.push(robot_overview(row, days_to_limit, refused_by)?);
     }
     Ok(Json(Page {
@@ -84,21 +82,15 @@ fn first_refusal(row: &OverviewRow, of_set: Vec<VerificationRow>) -> Result<Opti
     let Some(identified) = identified.into_iter().next() else {
         return Ok(None);
     };
-    // With 0 no session is outdated: this list does not read when the points were uploaded.
+    // No session is outdated: this list does not read when the points were uploaded.
     let sessions = sessions.into_iter();
     let sessions: Vec<_> = sessions
-        .map(|facts| session(identified.frame, 0, facts))
+        .map(|facts| session(identified.frame, PointsSeq::default(), facts))
         .collect();
     let body: RobotBody = serde_json::from_str(&row.body_json)?;
     // A robot that an older version stored may fail today's checks.
     let Ok(robot) = Robot::try_from(&body) else {
         return Ok(None);
-    };
-    let policy = PolicyBody {
-        tolerance_mm: row.tolerance_mm,
-        decision_rule: rule_in_force(row.decision_rule, row.policy_version > 0),
-        independent_session_required: row.independent_session_required,
-        second_person_required: false,
     };
     let last_misfit = (row.misfit_seq > 0).then(|| LastMisfit {
         seq: row.misfit_seq,
@@ -114,7 +106,7 @@ fn first_refusal(row: &OverviewRow, of_set: Vec<VerificationRow>) -> Result<Opti
         sessions: &sessions,
         has_other_joint_map: row.newest_has_other_joint_map,
         insisted_on: row.newest_insisted_on.as_deref(),
-        policy: &policy,
+        policy: &policy_in_force(&row.policy),
         report: &ReportSummary::default(),
     });
     Ok(refused.map(|gate| gate.gate))
@@ -202,10 +194,11 @@ fn need_facts(
     days_to_limit: Option<f64>,
     newest_refused_by: Option<String>,
 ) -> NeedFacts {
+    let policy = policy_in_force(&row.policy);
     NeedFacts {
         must_be_checked: row.check_job_id.is_some(),
-        tolerance_mm: row.tolerance_mm,
-        decision_rule: rule_in_force(row.decision_rule, row.tolerance_mm.is_some()),
+        tolerance_mm: policy.tolerance_mm,
+        decision_rule: policy.decision_rule,
         released_rms_mm: row.active_after_rms_mm,
         is_released: row.active_id.is_some(),
         session_rms_mm: row.session_rms_mm,

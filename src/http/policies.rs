@@ -3,7 +3,7 @@
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::{Id, Item};
 use crate::http::{Error, access};
-use crate::release::guard_band::rule_in_force;
+use crate::jobs::evidence::policy_in_force;
 use crate::store::{Tx, policies};
 use crate::wire::policy::PolicyBody;
 use axum::Json;
@@ -17,9 +17,9 @@ use axum::response::Response;
 )]
 pub async fn get(Item { app, caller, id }: Item) -> Result<Json<PolicyBody>, Error> {
     access::robot(&app, &caller, &id).await?;
-    let row = policies::get(&app.store, &id).await?;
-    let rule = rule_in_force(row.decision_rule, row.version > 0);
-    Ok(Json(row.body(rule)))
+    Ok(Json(policy_in_force(
+        &policies::get(&app.store, &id).await?,
+    )))
 }
 
 /// Sets the robot's release policy; requires the scope `admin`.

@@ -7,6 +7,7 @@ use crate::http::extract::Id;
 use crate::http::list_query::{NewestListQuery, list_of_robot};
 use crate::http::named_documents::DocumentAnswer;
 use crate::http::{App, Error, access, named_documents};
+use crate::operations::check_reference;
 use crate::store::named_documents::NamedDocumentKind;
 use crate::store::{self, NamedDocumentRow};
 use crate::wire::Invalid;
@@ -27,7 +28,7 @@ use axum::response::Response;
 pub async fn create(Id(robot_id): Id, submission: Submission) -> Result<Response, Error> {
     access::robot_in_use(&submission.app, &submission.caller, &robot_id).await?;
     let body: ReferenceBody = submission.json()?;
-    body.check()?;
+    check_reference(&body)?;
     let answer = |stored: &ReferenceAnswer| {
         let path = format!("/v1/robots/{robot_id}/references/{}", stored.id);
         stored_json(201, Some(path), stored)

@@ -4,7 +4,6 @@ use crate::http::extract::Item;
 use crate::http::history::session_times;
 use crate::http::{App, Error, access};
 use crate::jobs::evidence;
-use crate::release::guard_band::rule_in_force;
 use crate::report_page::{self, MeasuredSet, ScoredSession, Sources};
 use crate::store::{ParameterSetRow, jobs, policies, robot_versions, verifications};
 use crate::wire::job_answer::JobAnswer;
@@ -39,9 +38,7 @@ pub async fn report_html(Item { app, caller, id }: Item) -> Result<Response, Err
     };
     let found = verifications::of_job(&app.store, &id).await?;
     let verified_expanded_mm = found.and_then(|row| row.found.after_expanded_mm);
-    let policy = policies::get(&app.store, &job.robot_id).await?;
-    let tolerance_mm = policy.tolerance_mm;
-    let decision_rule = rule_in_force(policy.decision_rule, policy.version > 0);
+    let policy = evidence::policy_in_force(&policies::get(&app.store, &job.robot_id).await?);
     let permit = app.limits.compute_permit(caller.class).await?;
     let (report, convergence) = (
         jobs::report(&app.store, &id).await?,
@@ -68,18 +65,18 @@ pub async fn report_html(Item { app, caller, id }: Item) -> Result<Response, Err
                 .as_ref(),
             sessions: &sessions,
             verified_expanded_mm,
-            tolerance_mm,
-            decision_rule,
+            tolerance_mm: policy.tolerance_mm,
+            decision_rule: policy.decision_rule,
             report: &serde_json::from_str(&report)?,
             convergence: &serde_json::from_str(&convergence)?,
         }))
     };
     let page = permit.run(page).await?;
-    let policy = report_page::CONTENT_SECURITY_POLICY.as_str();
+    let security_policy = report_page::CONTENT_SECURITY_POLICY.as_str();
     Ok((
         [
             (header::CONTENT_TYPE, "text/html; charset=utf-8"),
-            (header::CONTENT_SECURITY_POLICY, policy),
+            (header::CONTENT_SECURITY_POLICY, security_policy),
         ],
         page,
     )

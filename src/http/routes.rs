@@ -80,6 +80,7 @@ pub const ROUTES: &[Route] = table! {
     POST   "/v1/robots/{robot_id}/frames"                       frames::create                           Upload   Write       key [409 507];
     GET    "/v1/robots/{robot_id}/measurement-sets"             measurement_sets::list                   Read     Read;
     POST   "/v1/robots/{robot_id}/measurement-sets"             measurement_sets::create                 Upload   Write       key [409 507];
+    // A preview stores nothing, but comes before every upload in the dashboard: like an upload, it does not wait behind pose plans.
     POST   "/v1/robots/{robot_id}/measurement-sets/preview"     columns::preview                         Upload   Write;
     GET    "/v1/robots/{robot_id}/references"                   references::list                         Read     Read;
     POST   "/v1/robots/{robot_id}/references"                   references::create                       Upload   Write       key [409 507];

@@ -25,6 +25,7 @@ pub async fn sign_in(
     if app.no_auth || bearer(&headers)?.is_none() {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
+    let _permit = app.limits.write_permit()?;
     let token = new_token()?;
     let mut tx = app.store.begin().await?;
     // `begin` comes first: it deletes all ended sessions. If each request deleted its own session first, two requests with ended sessions
@@ -45,6 +46,7 @@ pub async fn sign_in(
 #[utoipa::path(delete, path = "/v1/session", tag = "service", operation_id = "signOut", responses((status = 204, description = "Signed out")))]
 pub async fn sign_out(State(app): State<App>, _caller: Caller, headers: HeaderMap) -> Response {
     let ended = async {
+        let _permit = app.limits.write_permit()?;
         let mut tx = app.store.begin().await?;
         end_session(&mut tx, &headers).await?;
         Ok::<(), Error>(tx.commit().await?)

@@ -2,6 +2,7 @@
 
 use std::ops::ControlFlow;
 
+use crate::release::unread_labels;
 use crate::store::known_uploads::KnownUpload;
 use crate::store::{
     FramesRow, Hashed, JobRow, MeasurementSetRow, NamedDocumentRow, NetworkRow, NewNetwork,
@@ -103,7 +104,7 @@ impl JobInputs {
     /// Names the columns of the fitted sets that are not read although they may identify the reflector or the set-up of a row.
     pub fn unread_labels(&self) -> Option<String> {
         let mut sets = self.sets.iter();
-        sets.find_map(|set| set.stated_reading()?.unread_labels())
+        sets.find_map(|set| unread_labels(&set.stated_reading()?))
     }
 
     /// Stated time of measurement; with several sessions, that of the last one.

@@ -8,15 +8,17 @@ use crate::release::comparison::{
     self, Compared, HeldOutPoints, compare_on_set, held_out_points, sessions_to_compare,
 };
 use crate::release::facts::verify_errors_mm;
+use crate::release::guard_band::rule_in_force;
 use crate::release::independence::{effective_evidence, hides_base};
 use crate::release::{Comparison, LastMisfit, PointsSeq, Session, UnscoredSession, has_changed};
 use crate::store::verifications::LaterSession;
 use crate::store::{
-    ParameterSetRow, Result, Store, VerificationRow, jobs, parameter_sets, report_summaries,
-    verifications,
+    ParameterSetRow, PolicyRow, Result, Store, VerificationRow, jobs, parameter_sets,
+    report_summaries, verifications,
 };
 use crate::wire::measurement::{Frame, MeasurementSet};
 use crate::wire::parameter_set::ParameterSetContent;
+use crate::wire::policy::PolicyBody;
 use crate::wire::report_shape::Evidence;
 use crate::wire::report_summary::{ReportPoints, ReportSummary};
 use crate::wire::verification::{Verification, VerificationKind};
@@ -118,6 +120,16 @@ pub async fn load(
     })
 }
 
+/// A stored policy with the decision rule that is in force.
+pub fn policy_in_force(stored: &PolicyRow) -> PolicyBody {
+    PolicyBody {
+        tolerance_mm: stored.tolerance_mm,
+        decision_rule: rule_in_force(stored.decision_rule, stored.version > 0),
+        independent_session_required: stored.independent_session_required,
+        second_person_required: stored.second_person_required,
+    }
+}
+
 /// Uploads of the points of the set, of the active set, and of the last session that did not fit and that nobody has explained.
 async fn points_seq(
     store: &Store,
@@ -170,14 +182,14 @@ pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Unread
     }
     let request = parse_request(&stored.inputs)
         .map_err(|_| Unreadable(format!("the inputs of {}", stored.inputs.job.id)))?;
-    let oldest_current_seq = stored.points_seq.oldest_current();
+    let points_seq = stored.points_seq;
     let mut identification = None;
     let mut sessions: Vec<Session> = Vec::new();
     for row in stored.rows {
         match row.found.kind {
             VerificationKind::Identification => identification = Some(row),
             VerificationKind::Session => {
-                sessions.push(session(request.set.frame, oldest_current_seq, row));
+                sessions.push(session(request.set.frame, points_seq, row));
             }
         }
     }
@@ -185,7 +197,7 @@ pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Unread
         identification.ok_or_else(|| Unreadable("no facts of the identification".into()))?;
     let (identification_seq, verify_set_seq) = (identified.seq, identified.scored_seq);
     let is_base_hidden = matches!(&request.verify, VerifySource::Set(set) if hides_base(request.set.frame, set.frame));
-    let is_outdated = verify_set_seq > 0 && verify_set_seq < oldest_current_seq;
+    let is_outdated = verify_set_seq > 0 && points_seq.is_outdated(verify_set_seq);
     let identification = Verification {
         evidence: effective_evidence(&identified.found, is_base_hidden || is_outdated),
         ..identified.found
@@ -241,7 +253,6 @@ pub async fn scored_sessions(store: &Store, set: &ParameterSetRow) -> Result<Vec
     let active = parameter_sets::active(store, &set.robot_id).await?;
     let other = active.filter(|active| active.id != set.id);
     let points_seq = points_seq(store, set, other.as_ref()).await?;
-    let oldest_current_seq = points_seq.oldest_current();
     let rows = verifications::of_set(store, &set.id).await?;
     let (sessions, identified): (Vec<_>, Vec<_>) = rows
         .into_iter()
@@ -250,7 +261,7 @@ pub async fn scored_sessions(store: &Store, set: &ParameterSetRow) -> Result<Vec
     let frame = identified.first().map_or(Frame::Base, |row| row.frame);
     let sessions = sessions.into_iter();
     Ok(sessions
-        .map(|row| session(frame, oldest_current_seq, row))
+        .map(|row| session(frame, points_seq, row))
         .collect())
 }
 
@@ -273,9 +284,8 @@ fn parse_upload(
         .map_err(|_| Unreadable(format!("the upload {}", upload.row.id)))
 }
 
-/// A session from its facts. `frame` is that of the points that the set was identified from. `oldest_current_seq` is
-/// [`PointsSeq::oldest_current`].
-pub fn session(frame: Frame, oldest_current_seq: i64, row: VerificationRow) -> Session {
+/// A session from its facts. `frame` is that of the points that the set was identified from.
+pub fn session(frame: Frame, points: PointsSeq, row: VerificationRow) -> Session {
     let is_base_hidden = hides_base(frame, row.frame);
     Session {
         job_id: row.job_id,
@@ -283,7 +293,7 @@ pub fn session(frame: Frame, oldest_current_seq: i64, row: VerificationRow) -> S
         seq: row.seq,
         is_base_hidden,
         measured_seq: row.scored_seq,
-        is_outdated: row.scored_seq < oldest_current_seq,
+        is_outdated: points.is_outdated(row.scored_seq),
         is_evidence: row.found.evidence != Evidence::None,
         verification: Verification {
             evidence: effective_evidence(&row.found, is_base_hidden),

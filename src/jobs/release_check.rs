@@ -1,12 +1,11 @@
 //! Checks whether a parameter set may be released: gathers the facts, compares the set with the active one, and runs the gates.
 
-use crate::jobs::evidence::{self, MAX_LATER, ParsedEvidence, Unreadable};
+use crate::jobs::evidence::{self, MAX_LATER, ParsedEvidence, Unreadable, policy_in_force};
 use crate::jobs::{MeasurementSetInput, blocking};
 use crate::release::comparison::HeldOutPoints;
-use crate::release::guard_band::rule_in_force;
 use crate::release::{
     ArchivedItem, Comparison, Decision, Facts, KeyHolder, StoredFacts, UnscoredSession,
-    WithdrawnSource, decide, has_same_values,
+    WithdrawnSource, decide, is_compared_with_withdrawn, is_equivalent,
 };
 use crate::store::withdrawals::{self, WithdrawnSet};
 use crate::store::{
@@ -157,16 +156,10 @@ pub async fn check(
     }
     let n_withdrawn = withdrawals::count(store, &row.robot_id).await?;
     let held_withdrawn = withdrawals::held(store, &job.id).await?;
-    // A rollback may return to a set with the values of a withdrawn one, and the set that is then active stays releasable.
-    let becomes_active = matches!(
-        row.status,
-        ParameterSetStatus::Candidate | ParameterSetStatus::Superseded
-    );
-    let withdrawn = match request.purpose {
-        Purpose::Release { .. } if becomes_active => {
-            withdrawals::of_robot(store, &row.robot_id, MAX_WITHDRAWN).await?
-        }
-        _ => Vec::new(),
+    let is_rollback = request.purpose == Purpose::Rollback;
+    let withdrawn = match is_compared_with_withdrawn(row.status, is_rollback) {
+        true => withdrawals::of_robot(store, &row.robot_id, MAX_WITHDRAWN).await?,
+        false => Vec::new(),
     };
     if let Some(frames_id) = &job.frames_id {
         uploaders.push(audit::actor(store, frames_id, AuditEvent::FramesCreated).await?);
@@ -257,11 +250,8 @@ async fn key_holder(store: &Store, id: String) -> store::Result<KeyHolder> {
     Ok(KeyHolder { id, name })
 }
 
-/// Two sets are equivalent if their tool positions differ by at most this share of the set's error on its verify points.
-const SAME_TOOL: f64 = 0.1;
-
-/// Id of the withdrawn set that is equivalent to this one, if there is one: it has the same values, or it was identified from the same
-/// points and places the tool equally. `points_seq` has the age of the points of each withdrawn set.
+/// Id of the withdrawn set that is equivalent to this one ([`is_equivalent`]), if there is one. `points_seq` has the age of the points of each
+/// withdrawn set.
 fn equivalent_withdrawn_set(
     parsed: &ParsedEvidence,
     withdrawn: &[WithdrawnSet],
@@ -269,18 +259,20 @@ fn equivalent_withdrawn_set(
 ) -> Result<Option<String>, Unreadable> {
     let unreadable = |cause: serde_json::Error| Unreadable(cause.to_string());
     let own = serde_json::to_value(&parsed.content).map_err(unreadable)?;
-    let same_mm = SAME_TOOL * parsed.identification.after_rms_mm.unwrap_or(0.0);
+    let verified_rms_mm = parsed.identification.after_rms_mm;
     for (set, seq) in withdrawn.iter().zip(points_seq) {
         let other: ParameterSetContent =
             serde_json::from_str(&set.body_json).map_err(unreadable)?;
         let is_of_same_points = *seq > 0 && *seq == parsed.points_seq;
-        let is_same_tool = || {
-            parsed
-                .tool_difference_mm(&other)
-                .is_some_and(|mm| mm <= same_mm)
-        };
-        let other_values = serde_json::to_value(&other).map_err(unreadable)?;
-        if has_same_values(&own, &other_values) || (is_of_same_points && is_same_tool()) {
+        let difference_mm = || parsed.tool_difference_mm(&other);
+        let values = serde_json::to_value(&other).map_err(unreadable)?;
+        if is_equivalent(
+            &own,
+            verified_rms_mm,
+            &values,
+            is_of_same_points,
+            difference_mm,
+        ) {
             return Ok(Some(set.id.clone()));
         }
     }
@@ -372,9 +364,13 @@ fn run_gates(
         sessions: &parsed.sessions,
         has_other_joint_map: request.set.joint_map_version != robot.joint_map_version,
         insisted_on: insisted_on.as_deref(),
-        policy: &policy.body(rule_in_force(policy.decision_rule, policy.version > 0)),
+        policy: &policy_in_force(policy),
         report: &parsed.report,
     };
+    let stated_serial_numbers: Vec<_> = sets
+        .iter()
+        .map(|set| set.serial_number.as_deref())
+        .collect();
     Ok(decide(&Facts {
         stored,
         verify_set_seq: parsed.verify_set_seq,
@@ -391,21 +387,9 @@ fn run_gates(
         withdrawn_source: withdrawn_source.as_ref(),
         is_rollback: request.purpose == Purpose::Rollback,
         serial_number: body.serial_number.as_deref(),
-        stated_serial_number: stated_serial_number(sets, body.serial_number.as_deref()),
+        stated_serial_numbers: &stated_serial_numbers,
         uploaders,
         approver,
         change_reason: request.purpose.change_reason(),
     }))
-}
-
-/// The first stated serial number that contradicts the robot's. If there is none, the serial number that all sets state.
-fn stated_serial_number<'a>(
-    sets: &'a [MeasurementSetRow],
-    of_robot: Option<&str>,
-) -> Option<&'a str> {
-    let stated = || sets.iter().map(|set| set.serial_number.as_deref());
-    let contradicts = |stated: &&str| of_robot.is_some_and(|own| own != *stated);
-    let first = stated().next().flatten();
-    let of_all = first.filter(|_| stated().all(|other| other == first));
-    stated().flatten().find(contradicts).or(of_all)
 }

@@ -8,6 +8,7 @@ use crate::compensation::{
 use crate::identification::KinematicModel;
 use crate::identification::statistics::estimate::Estimate;
 use crate::kinematics::{Link, Payload, Robot};
+use crate::operations::work_frame::{fitting_work_frame, misfit_warning};
 use crate::release::{orientation_unknown, wrong_robot};
 use crate::wire::compensate::{
     CompensateAnswer, CompensateBody, ErrorFrame, LeftOut, OWN_FRAMES, ToolPose,
@@ -99,7 +100,7 @@ pub fn compensate(
     if request.targets.is_empty() {
         return Ok(answer.document);
     }
-    let frame = TargetFrame::of(request, &from, &compensation, base)?;
+    let frame = TargetFrame::new(request, &from, &compensation, base)?;
     answer.document.warnings.extend(frame.doubt.clone());
     for target in &request.targets {
         let t_frame_tool = IsometryMatrix3::from(target);
@@ -219,7 +220,7 @@ struct TargetFrame {
 }
 
 impl TargetFrame {
-    fn of(
+    fn new(
         request: &CompensateBody,
         from: &Correctable<'_>,
         compensation: &Compensation<'_>,
@@ -255,8 +256,8 @@ impl TargetFrame {
                 doubt: None,
             });
         };
-        let work_frame = body.fitting_work_frame("/frame")?;
-        let doubt = body.misfit_warning(&work_frame);
+        let work_frame = fitting_work_frame(body, "/frame")?;
+        let doubt = misfit_warning(body, &work_frame);
         let is_measuring = body.reference == WorkFrameReference::Measuring;
         let is_own = body.measurement_set_id.as_deref() == from.measurement_set_id;
         if is_measuring && !is_own && from.provenance.measuring_frame != Some(Frame::Base) {

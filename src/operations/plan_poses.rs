@@ -6,21 +6,30 @@ use crate::identification::model::pose_rows::MeasuredRotation;
 use crate::identification::statistics::workspace::ToolUncertainty;
 use crate::kinematics::Robot;
 use crate::measurement::{MeasurementSet, Point};
-use crate::planning::{self, Noise, Plan, PlanRequest, SetUp, TooLittleRoom};
+use crate::planning::{
+    self, AcceptanceCone, LineOfSight, Noise, Plan, PlanRequest, Room, SetUp, TooLittleRoom,
+};
 use crate::wire::issue::Invalid;
 use crate::wire::job::Model;
 use crate::wire::pose_plan::{
-    DEFAULT_CANDIDATES, PlanKind, PlannedConfiguration, PlannedSetUp, PosePlanAnswer, PosePlanBody,
+    BoxBody, PlanKind, PlannedConfiguration, PlannedSetUp, PosePlanAnswer, PosePlanBody, SetUpBody,
 };
 use crate::wire::report_shape::ToolUncertaintyReport;
 use crate::wire::warning::Warning;
-use nalgebra::Vector3;
+use nalgebra::{Unit, Vector3};
 use std::collections::BTreeMap;
 
 /// Default noise of one coordinate, mm. It includes the tracker and the repeatability of the arm.
 const DEFAULT_NOISE_MM: f64 = 0.05;
 /// Default noise of one component of the rotation vector of a pose, degrees. It includes the instrument and the repeatability of the arm.
 const DEFAULT_NOISE_ROTATION_DEG: f64 = 0.02;
+/// Default number of candidates.
+const DEFAULT_CANDIDATES: usize = 10_000;
+/// Default number of repeats of a set-up with at least [`FEWEST_WITH_REPEATS`] configurations. A smaller one has none.
+const DEFAULT_REPEATS: usize = 3;
+const FEWEST_WITH_REPEATS: usize = 20;
+/// Half angle of the acceptance cone, if only its axis is stated: that of most reflectors, degrees.
+const DEFAULT_HALF_ANGLE_DEG: f64 = 30.0;
 /// Assumed position of the reflector with `model: complete`: off the flange's axis, so that the position depends on all joints.
 const OFF_AXIS_MM: [f64; 3] = [80.0, 0.0, 100.0];
 /// Assumed position of the reflector with `model: paper`: on the flange's axis.
@@ -45,13 +54,15 @@ pub fn plan_poses(
     let rotation_std_deg = request
         .noise_std_rotation_deg
         .unwrap_or(DEFAULT_NOISE_ROTATION_DEG);
-    let set_ups: Vec<SetUp> = request
-        .rooms()
+    let set_ups: Vec<SetUp> = allowed_spaces(request)
         .into_iter()
         .zip(request.shares())
         .map(|(room, n_configurations)| SetUp {
             n_configurations,
-            n_repeats: request.repeats_of(n_configurations),
+            n_repeats: request.n_repeats.unwrap_or(match n_configurations {
+                ..FEWEST_WITH_REPEATS => 0,
+                _ => DEFAULT_REPEATS,
+            }),
             room,
         })
         .collect();
@@ -74,6 +85,46 @@ pub fn plan_poses(
     })
     .map_err(|error| too_little_room(request, &error))?;
     Ok(answer(request, &plan))
+}
+
+/// The space in which the robot may move, one for each set-up; a single space without set-ups.
+fn allowed_spaces(request: &PosePlanBody) -> Vec<Room> {
+    if request.set_ups.is_empty() {
+        return vec![allowed_space(
+            request,
+            &request.boxes,
+            request.instrument_mm,
+        )];
+    }
+    let of_set_up = |set_up: &SetUpBody| {
+        let own = Some(&set_up.boxes).filter(|boxes| !boxes.is_empty());
+        allowed_space(request, own.unwrap_or(&request.boxes), set_up.instrument_mm)
+    };
+    request.set_ups.iter().map(of_set_up).collect()
+}
+
+fn allowed_space(
+    request: &PosePlanBody,
+    boxes: &[BoxBody],
+    instrument_mm: Option<[f64; 3]>,
+) -> Room {
+    let half_angle_deg = request
+        .target_half_angle_deg
+        .unwrap_or(DEFAULT_HALF_ANGLE_DEG);
+    let cone = request.target_axis.map(|axis| AcceptanceCone {
+        axis: Unit::new_normalize(Vector3::from(axis)).into_inner(),
+        half_angle_rad: half_angle_deg.to_radians(),
+    });
+    Room {
+        boxes_mm: boxes.iter().map(Into::into).collect(),
+        keep_out_mm: request.keep_out.iter().map(Into::into).collect(),
+        floor_z_mm: request.floor_z_mm,
+        base_cylinder: request.base_cylinder.as_ref().map(Into::into),
+        line_of_sight: instrument_mm.map(|at| LineOfSight {
+            instrument_mm: Vector3::from(at),
+            cone,
+        }),
+    }
 }
 
 fn too_little_room(request: &PosePlanBody, error: &TooLittleRoom) -> Invalid {

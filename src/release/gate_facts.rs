@@ -102,8 +102,8 @@ pub struct Facts<'a> {
     pub is_rollback: bool,
     /// Serial number of the robot.
     pub serial_number: Option<&'a str>,
-    /// Serial number that the uploader stated.
-    pub stated_serial_number: Option<&'a str>,
+    /// Serial numbers that the uploaders stated, one for each session of the identification.
+    pub stated_serial_numbers: &'a [Option<&'a str>],
     /// Who uploaded the points and the sweeps.
     pub uploaders: &'a [Option<KeyHolder>],
     /// Who releases.

@@ -11,7 +11,7 @@ use crate::release::session_gates::{
 use crate::release::sessions::{Session, supports};
 use crate::release::texts::{errors_in_words, sessions};
 use crate::release::tolerance_gates::{errors_within_tolerance, uncertainty};
-use crate::release::verdict::{TOO_MANY_OUTLIERS, insisted_warning};
+use crate::release::verdict::{NOTHING_MEASURED, TOO_MANY_OUTLIERS, insisted_warning};
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::release::Gate;
 use crate::wire::report_shape::{Evidence, SubsetReport};
@@ -123,8 +123,9 @@ fn verified(facts: &StoredFacts<'_>) -> Gate {
             "{n} points were held out to verify, {} scored",
             sessions(facts.sessions.len())
         ),
-        false if has_warning(facts, POSITIONS_COMPUTED) => "the positions look computed by the controller, and nothing was measured: upload the positions of the instrument"
-            .to_owned(),
+        false if has_warning(facts, POSITIONS_COMPUTED) => {
+            format!("{NOTHING_MEASURED}: upload the positions of the instrument")
+        }
         false if has_warning(facts, TOO_MANY_OUTLIERS) => "more than a twentieth of the points are outliers: look at them, take them out of the file and identify again, \
              or score another session"
             .to_owned(),

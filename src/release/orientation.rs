@@ -6,6 +6,12 @@ use crate::wire::warning::Warning;
 /// Warning that the positions hardly determine the flange's orientation.
 pub(super) const POSE_NOT_SEEN: &str = "pose_not_seen";
 
+/// Texts for the orientations of these names.
+pub(super) const NOT_COMPUTED: &str =
+    "the uncertainty of the flange's rotation could not be computed";
+pub(super) const NOT_COMPUTED_BY_OLDER_VERSION: &str = "the measured positions hardly show how the flange is turned, and the version that \
+    identified this set did not compute its uncertainty";
+
 /// Whether the orientation of the flange is known, and why not. Standard deviations are in degrees.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Orientation {

@@ -3,7 +3,9 @@
 use crate::calibration::{
     INSTRUMENT_SCALE, ORIENTATION_NOT_KNOWN, last_joint_zero_remedy, last_joint_zero_unknown,
 };
-use crate::release::orientation::{Orientation, POSE_NOT_SEEN};
+use crate::release::orientation::{
+    NOT_COMPUTED, NOT_COMPUTED_BY_OLDER_VERSION, Orientation, POSE_NOT_SEEN,
+};
 use crate::release::verdict::{INSISTED, WRONG_ROBOT};
 use crate::wire::measurement::Frame;
 use crate::wire::parameter_set::Provenance;
@@ -60,11 +62,10 @@ pub fn orientation_unknown(provenance: &Provenance, n_links: usize) -> Option<St
             "the measured positions do not show how the flange is turned: it may be off by {std_deg:.2}°, one standard deviation: {remedy}"
         ),
         Orientation::NotComputed => {
-            format!("the uncertainty of the flange's rotation could not be computed: {remedy}")
+            format!("{NOT_COMPUTED}: {remedy}")
         }
-        Orientation::NotComputedByOlderVersion => format!(
-            "the measured positions hardly show how the flange is turned, and the version that identified this set did not compute its \
-             uncertainty: identify it again, or {remedy}"
-        ),
+        Orientation::NotComputedByOlderVersion => {
+            format!("{NOT_COMPUTED_BY_OLDER_VERSION}: identify it again, or {remedy}")
+        }
     })
 }

@@ -6,7 +6,7 @@ use crate::calibration::{
 };
 use crate::kinematics::reach_mm;
 use crate::release::gate_facts::Facts;
-use crate::release::orientation::Orientation;
+use crate::release::orientation::{NOT_COMPUTED, NOT_COMPUTED_BY_OLDER_VERSION, Orientation};
 use crate::wire::release::Gate;
 use crate::wire::report_shape::Evidence;
 
@@ -18,7 +18,8 @@ const FAR_OFF_RATIO: f64 = 10.0;
 const FAR_OFF_RATIO_IF_NO_BETTER_THAN_NOMINAL: f64 = 3.0;
 
 pub fn identity(facts: &Facts<'_>) -> Gate {
-    if let (Some(robots), Some(stated)) = (facts.serial_number, facts.stated_serial_number)
+    let stated = stated_serial_number(facts);
+    if let (Some(robots), Some(stated)) = (facts.serial_number, stated)
         && robots != stated
     {
         let detail = format!("the upload says serial number {stated:?}, the robot has {robots:?}");
@@ -56,7 +57,7 @@ pub fn identity(facts: &Facts<'_>) -> Gate {
         None if facts.content.links.len() != facts.stored.robot.links.len() => {
             Gate::new("identity", false, "the set has another number of links")
         }
-        None => match (facts.serial_number, facts.stated_serial_number) {
+        None => match (facts.serial_number, stated) {
             (Some(_), Some(stated)) => Gate::new(
                 "identity",
                 true,
@@ -70,6 +71,15 @@ pub fn identity(facts: &Facts<'_>) -> Gate {
             .with_warning(true),
         },
     }
+}
+
+/// The first stated serial number that contradicts the robot's. If there is none, the serial number that all sets state.
+fn stated_serial_number<'a>(facts: &Facts<'a>) -> Option<&'a str> {
+    let all = facts.stated_serial_numbers;
+    let contradicts = |stated: &&str| facts.serial_number.is_some_and(|own| own != *stated);
+    let first = all.iter().copied().next().flatten();
+    let of_all = first.filter(|_| all.iter().all(|other| *other == first));
+    all.iter().copied().flatten().find(contradicts).or(of_all)
 }
 
 pub fn change(facts: &Facts<'_>) -> Gate {
@@ -167,14 +177,8 @@ fn orientation_of(facts: &Facts<'_>) -> Orientation {
 /// sign of an error in the other links.
 fn unknown_because(orientation: Orientation) -> Option<String> {
     match orientation {
-        Orientation::NotComputed => {
-            Some("the uncertainty of the flange's rotation could not be computed".into())
-        }
-        Orientation::NotComputedByOlderVersion => Some(
-            "the measured positions hardly show how the flange is turned, and the version that identified this set did not compute its \
-             uncertainty"
-                .into(),
-        ),
+        Orientation::NotComputed => Some(NOT_COMPUTED.into()),
+        Orientation::NotComputedByOlderVersion => Some(NOT_COMPUTED_BY_OLDER_VERSION.into()),
         Orientation::NotShown { links_std_deg, .. } => Some(not_shown(links_std_deg)),
         Orientation::Known | Orientation::LastJointZeroUnknown { .. } => None,
     }

@@ -18,7 +18,7 @@ pub struct Session {
     pub is_base_hidden: bool,
     /// Number in the audit chain of the upload in which its points appeared first.
     pub measured_seq: i64,
-    /// Whether its points are older than the last event after which the robot may have changed ([`PointsSeq::oldest_current`]). It then does not show
+    /// Whether its points are older than the last event after which the robot may have changed ([`PointsSeq::is_outdated`]). It then does not show
     /// the robot as it is now.
     pub is_outdated: bool,
     /// Whether the session is evidence against the set. It is none if it has few points, or if its upload was refused and insisted on. A
@@ -53,9 +53,14 @@ pub struct PointsSeq {
 impl PointsSeq {
     /// Sessions with a lower number are outdated; 0 if none is. If the set's points are newer than those of the active set, or than a session
     /// that did not fit the robot, older sessions are outdated: an old file, uploaded late, agrees with the robot as it was before.
-    pub fn oldest_current(self) -> i64 {
+    fn oldest_current(self) -> i64 {
         let changes = [self.active, self.last_misfit].into_iter();
         changes.filter(|seq| self.own > *seq).max().unwrap_or(0)
+    }
+
+    /// Whether a session of this age does not show the robot as it is now.
+    pub fn is_outdated(self, measured_seq: i64) -> bool {
+        measured_seq < self.oldest_current()
     }
 }
 

@@ -30,15 +30,22 @@ pub const UNUSABLE_WARNINGS: [&str; 7] = {
 /// Warning of so many outliers that a person has to check the file first.
 pub const TOO_MANY_OUTLIERS: &str = "outliers_review";
 
+/// Text for the warning [`POSITIONS_COMPUTED`].
+pub const NOTHING_MEASURED: &str =
+    "the positions look computed by the controller, and nothing was measured";
+
 /// Warning of a report whose upload was accepted with `insist`. Such a report is no evidence.
 pub const INSISTED: &str = "insisted_upload";
+
+/// Beginning of the text of [`INSISTED`]; the code of the refusal follows.
+const REFUSED_AS: &str = "the points were refused as ";
 
 /// The warning [`INSISTED`]; `code` is that of the suspicion that the uploader overrode.
 pub fn insisted_warning(code: &str) -> Warning {
     Warning {
         code: INSISTED.into(),
         detail: format!(
-            "the points were refused as {code} and kept because the uploader insisted: no release rests on them"
+            "{REFUSED_AS}{code} and kept because the uploader insisted: no release rests on them"
         ),
         rows: Vec::new(),
         points: Vec::new(),
@@ -57,13 +64,13 @@ pub fn unusable_because(report: &Report) -> Option<&'static str> {
         .find(|code| has_warning(report, code))
 }
 
-/// Code of the suspicion that the uploader overrode, if the report's upload was insisted on. A report has this code only in the text of its
-/// warning.
+/// Code of the suspicion that the uploader overrode, if the report's upload was insisted on. A report has this code only at the beginning of the
+/// text of its warning ([`REFUSED_AS`]).
 pub fn insisted_code(report: &Report) -> Option<&'static str> {
     let mut warnings = report.warnings.iter();
     let insisted = warnings.find(|warning| warning.code == INSISTED)?;
-    let mut codes = SUSPICIONS.into_iter();
-    codes.find(|code| insisted.detail.contains(code))
+    let refused = insisted.detail.strip_prefix(REFUSED_AS)?.split(' ').next();
+    SUSPICIONS.into_iter().find(|code| Some(*code) == refused)
 }
 
 /// As [`unusable_because`], for the headline of a report. An upload that was insisted on gives the code [`INSISTED`], unless a warning explains the
@@ -101,7 +108,7 @@ pub fn why_same_upload(report: &Report) -> &'static str {
 /// Reason why the verification is no evidence.
 pub fn why_no_evidence(report: &Report) -> &'static str {
     if has_warning(report, POSITIONS_COMPUTED) {
-        "the positions look computed by the controller, and nothing was measured"
+        NOTHING_MEASURED
     } else if report.verify.is_none_or(|verify| verify.n_points == 0) {
         "no point was held out: these are the errors of the fitted points"
     } else if has_warning(report, DOES_NOT_FIT) {

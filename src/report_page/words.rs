@@ -24,7 +24,7 @@ static WORDS: LazyLock<HashMap<(&'static str, &'static str), &'static str>> = La
 
 /// Readable text for the code of a warning.
 pub fn warning(code: &str) -> String {
-    of("WARNINGS", code)
+    text_of("WARNINGS", code)
 }
 
 /// Warnings that are typical of a wrong file. If the uploader overrode a refusal with `insist`, no advice is added to them, because the warning
@@ -43,12 +43,12 @@ pub fn advice(code: &str, among: &[Warning]) -> Vec<&'static str> {
 
 /// Readable text for the code of why a result cannot be used.
 pub fn no_use(code: &str) -> String {
-    of("NO_USE", code)
+    text_of("NO_USE", code)
 }
 
 /// Readable text for the kind of a correction.
 pub fn correction(kind: &str) -> String {
-    of("CORRECTIONS", kind)
+    text_of("CORRECTIONS", kind)
 }
 
 /// Readable text for a method.
@@ -60,12 +60,15 @@ pub fn method(method: &str) -> String {
 
 /// Readable text for the stage of a job.
 pub fn stage(stage: Option<Stage>) -> String {
-    stage.map_or_else(|| "Computing".into(), |stage| of("STAGES", stage.as_str()))
+    stage.map_or_else(
+        || "Computing".into(),
+        |stage| text_of("STAGES", stage.as_str()),
+    )
 }
 
 /// The readable text of a code. For a code without a text, as in a report of another version, this is the code itself with spaces and a capital
 /// letter.
-fn of(table: &str, code: &str) -> String {
+fn text_of(table: &str, code: &str) -> String {
     WORDS
         .get(&(table, code))
         .map_or_else(|| capital(&code.replace('_', " ")), |words| (*words).into())
@@ -81,7 +84,7 @@ pub fn capital(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::{WORDS, correction, method, of, stage, warning};
+    use super::{WORDS, correction, method, stage, text_of, warning};
     use crate::wire::job_answer::Stage;
 
     #[test]
@@ -105,12 +108,12 @@ mod tests {
             correction("link_masses"),
             "Masses and centres of gravity of the links"
         );
-        assert_eq!(of("GATES", "identity"), "It is the same robot");
+        assert_eq!(text_of("GATES", "identity"), "It is the same robot");
         assert_eq!(
             (method("least_squares"), method("not_thought_of")),
             ("least squares".into(), "not thought of".into())
         );
         assert_eq!(warning("identity"), "Identity");
-        assert_eq!(of("GATES", "not_thought_of"), "Not thought of");
+        assert_eq!(text_of("GATES", "not_thought_of"), "Not thought of");
     }
 }

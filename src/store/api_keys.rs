@@ -82,19 +82,23 @@ const REVOKE: &str = concat!(
 
 const BY_ID: &str = rows_after!(columns!(), "api_key");
 
-fn as_created(row: &ApiKeyRow) -> Value {
+fn created_detail(row: &ApiKeyRow) -> Value {
     json!({"name": row.name, "scopes": row.scopes_json, "robots": row.robots_json, "key_sha256": row.key_sha256,
         "created_at_ms": row.created_at_ms})
 }
 
-fn as_revoked(row: &ApiKeyRow) -> Option<(i64, Value)> {
+fn revoked_detail(row: &ApiKeyRow) -> Option<(i64, Value)> {
     row.revoked_at_ms
         .map(|at_ms| (at_ms, json!({"name": row.name, "revoked_at_ms": at_ms})))
 }
 
 audited!(ApiKeyRow, id, |row| vec![
-    ExpectedEntry::at(AuditEvent::KeyCreated, row.created_at_ms, as_created(row)),
-    ExpectedEntry::new(AuditEvent::KeyRevoked, as_revoked(row)),
+    ExpectedEntry::at(
+        AuditEvent::KeyCreated,
+        row.created_at_ms,
+        created_detail(row)
+    ),
+    ExpectedEntry::new(AuditEvent::KeyRevoked, revoked_detail(row)),
 ]);
 
 /// Stores a key.
@@ -110,7 +114,7 @@ pub async fn insert(tx: &mut Tx, new: &NewApiKey) -> Result<ApiKeyRow> {
         new.robots_json
     ];
     let row: ApiKeyRow = sql::one(tx.connection(), INSERT, values).await?;
-    tx.audit(AuditEvent::KeyCreated, &row.id, as_created(&row));
+    tx.audit(AuditEvent::KeyCreated, &row.id, created_detail(&row));
     Ok(row)
 }
 
@@ -132,7 +136,7 @@ pub async fn list(store: &Store, request: &ListRequest) -> Result<Page<ApiKeyRow
 /// Revokes a key; revoking it again changes nothing.
 pub async fn revoke(tx: &mut Tx, id: &str) -> Result<ApiKeyRow> {
     let row: ApiKeyRow = sql::one(tx.connection(), REVOKE, values![id]).await?;
-    if let Some((_, detail)) = as_revoked(&row) {
+    if let Some((_, detail)) = revoked_detail(&row) {
         tx.audit(AuditEvent::KeyRevoked, &row.id, detail);
     }
     Ok(row)

@@ -59,12 +59,17 @@ const RESTORE: &str = "delete from archived where id = $1";
 const BY_ID: &str = "
     select id, kind, robot_id, archived_by, archived_at_ms from archived where id > $1 order by id limit cast($2 as bigint)";
 
-fn as_archived(row: &ArchivedRow) -> Value {
+fn archived_detail(row: &ArchivedRow) -> Value {
     json!({"kind": row.kind, "robot_id": row.robot_id, "archived_by": row.archived_by, "archived_at_ms": row.archived_at_ms})
 }
 
 audited!(ArchivedRow, id, |row| vec![
-    ExpectedEntry::at(AuditEvent::Archived, row.archived_at_ms, as_archived(row)).by("archived_by")
+    ExpectedEntry::at(
+        AuditEvent::Archived,
+        row.archived_at_ms,
+        archived_detail(row)
+    )
+    .by("archived_by")
 ]);
 
 /// Archives an item; archiving it again changes nothing. Returns when it was archived.
@@ -85,7 +90,7 @@ pub async fn archive(
         .await
         .map_err(|error| error.into_conflict_of_trigger(|why| Conflict::NotArchivable { why }))?;
     if let Some(row) = row {
-        tx.audit(AuditEvent::Archived, id, as_archived(&row));
+        tx.audit(AuditEvent::Archived, id, archived_detail(&row));
         return Ok(row.archived_at_ms);
     }
     sql::value(tx.connection(), SINCE, values![id]).await

@@ -69,8 +69,8 @@ pub enum Conflict {
     /// The robot is archived.
     #[error("the robot is archived")]
     RobotArchived,
-    /// Something that is named was archived in the meantime.
-    #[error("the {what} {id} is archived")]
+    /// Something that a job refers to was archived in the meantime. The server may have chosen it, so the request need not name it.
+    #[error("the {what} {id} was archived in the meantime")]
     Archived {
         /// Its kind in words.
         what: String,

@@ -51,7 +51,7 @@ const BY_ID: &str = "
     select id, robot_id, content_type, result_json, created_at_ms from frames where id > $1 order by id limit cast($2 as bigint)";
 
 // The row does not contain the uploaded bytes. `insert` adds their hash to the audit entry.
-fn as_created(row: &FramesRow) -> Value {
+fn created_detail(row: &FramesRow) -> Value {
     json!({"robot_id": row.robot_id, "content_type": row.content_type, "created_at_ms": row.created_at_ms,
         "result_sha256": canonical::sha256_hex(row.result_json.as_bytes())})
 }
@@ -59,7 +59,7 @@ fn as_created(row: &FramesRow) -> Value {
 audited!(FramesRow, id, |row| vec![ExpectedEntry::at(
     AuditEvent::FramesCreated,
     row.created_at_ms,
-    as_created(row)
+    created_detail(row)
 )]);
 
 /// Stores frames.
@@ -75,7 +75,7 @@ pub async fn insert(tx: &mut Tx, new: &NewFrames) -> Result<FramesRow> {
     let row: FramesRow = sql::one(tx.connection(), INSERT, values)
         .await
         .map_err(|error| error.into_conflict_of_trigger(|_| Conflict::RobotArchived))?;
-    tx.audit(AuditEvent::FramesCreated, &row.id, as_created(&row));
+    tx.audit(AuditEvent::FramesCreated, &row.id, created_detail(&row));
     tx.audit_field("sha256", new.body.sha256().into());
     Ok(row)
 }

@@ -275,7 +275,7 @@ row! {
     }
 }
 
-fn as_created(row: &JobRow, client: &str) -> Value {
+fn created_detail(row: &JobRow, client: &str) -> Value {
     // `robot_version` and `further_set_ids` are fields of their own and not part of the hash, because audit entries of older versions lack them.
     let rest = json!([
         row.kind,
@@ -290,18 +290,18 @@ fn as_created(row: &JobRow, client: &str) -> Value {
         "rest_sha256": canonical::sha256_hex(rest.to_string().as_bytes()), "robot_version": row.robot_version, "further_set_ids": row.further_set_ids})
 }
 
-pub(super) fn as_failed(error_json: &str) -> Value {
+pub(super) fn failed_detail(error_json: &str) -> Value {
     json!({"error_sha256": canonical::sha256_hex(error_json.as_bytes())})
 }
 
 audited!(JobWithClient, job.id, |row| {
     let JobWithClient { client, job } = row;
-    let failed = job.error_json.as_deref().map(as_failed);
+    let failed = job.error_json.as_deref().map(failed_detail);
     vec![
         ExpectedEntry::at(
             AuditEvent::JobCreated,
             job.created_at_ms,
-            as_created(job, client),
+            created_detail(job, client),
         ),
         ExpectedEntry::new(
             AuditEvent::JobFailed,
@@ -357,7 +357,11 @@ pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<Job
         sql::execute(tx.connection(), INSERT_SESSION, values![id, place, set_id]).await?;
     }
     row.further_set_ids = further_set_ids.join(",");
-    tx.audit(AuditEvent::JobCreated, &id, as_created(&row, &new.client));
+    tx.audit(
+        AuditEvent::JobCreated,
+        &id,
+        created_detail(&row, &new.client),
+    );
     Ok(row)
 }
 

@@ -303,7 +303,7 @@ pub async fn succeed(tx: &mut Tx, lease: &Lease, result: &JobResult<'_>) -> Resu
 pub async fn fail(tx: &mut Tx, lease: &Lease, error_json: &str) -> Result<bool> {
     let has_failed = end(tx, lease, FAIL, fenced_values![lease, error_json]).await?;
     if has_failed {
-        let detail = jobs::as_failed(error_json);
+        let detail = jobs::failed_detail(error_json);
         tx.audit(AuditEvent::JobFailed, &lease.job_id, detail);
     }
     Ok(has_failed)
@@ -378,7 +378,7 @@ pub async fn expire(store: &Store, max_attempts: i64, exhausted: &Exhausted) -> 
         let values = values![limit, problem_json];
         let ids: Vec<String> = sql::all_values(tx.connection(), statement, values).await?;
         for id in &ids {
-            tx.audit(AuditEvent::JobFailed, id, jobs::as_failed(problem_json));
+            tx.audit(AuditEvent::JobFailed, id, jobs::failed_detail(problem_json));
             tx.audit_field("code", "attempts_exhausted".into());
         }
         failed.extend(ids);

@@ -125,7 +125,7 @@ const SAME_FILE: &str = concat!(
      order by created_at_ms desc, id desc limit 1"
 );
 
-fn as_created(row: &MeasurementSetRow) -> Value {
+fn created_detail(row: &MeasurementSetRow) -> Value {
     let rest = json!([
         row.name,
         row.n_points,
@@ -153,7 +153,7 @@ audited!(MeasurementSetRow, id, |row| vec![ExpectedEntry {
     ..ExpectedEntry::at(
         AuditEvent::MeasurementSetCreated,
         row.created_at_ms,
-        as_created(row)
+        created_detail(row)
     )
 }]);
 
@@ -183,7 +183,11 @@ pub async fn insert(tx: &mut Tx, new: &NewMeasurementSet) -> Result<MeasurementS
     let row: MeasurementSetRow = sql::one(tx.connection(), INSERT, values)
         .await
         .map_err(|error| error.into_conflict_of_trigger(|_| Conflict::RobotArchived))?;
-    tx.audit(AuditEvent::MeasurementSetCreated, &row.id, as_created(&row));
+    tx.audit(
+        AuditEvent::MeasurementSetCreated,
+        &row.id,
+        created_detail(&row),
+    );
     Ok(row)
 }
 

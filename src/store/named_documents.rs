@@ -104,7 +104,7 @@ impl NamedDocumentRow {
 
     /// Content of the audit entry. Entries of column mappings use the older field name `columns_sha256`, so that old entries still match. Entries
     /// from before versions existed have no `version`.
-    fn as_created(&self) -> Value {
+    fn created_detail(&self) -> Value {
         let sha256 = canonical::sha256_hex(self.content_json.as_bytes());
         if self.is_columns() {
             json!({"robot_id": self.robot_id, "name": self.name, "version": self.version, "created_by": self.created_by,
@@ -117,7 +117,7 @@ impl NamedDocumentRow {
 }
 
 audited!(NamedDocumentRow, id, |row| vec![
-    ExpectedEntry::at(row.event(), row.created_at_ms, row.as_created()).by("created_by")
+    ExpectedEntry::at(row.event(), row.created_at_ms, row.created_detail()).by("created_by")
 ]);
 
 /// A named document to be stored, with fields of [`NamedDocumentRow`].
@@ -153,7 +153,7 @@ pub async fn insert(tx: &mut Tx, new: NewNamedDocument<'_>) -> Result<NamedDocum
         new.by
     ];
     let row: NamedDocumentRow = sql::one(tx.connection(), INSERT, values).await?;
-    tx.audit(row.event(), &row.id, row.as_created());
+    tx.audit(row.event(), &row.id, row.created_detail());
     Ok(row)
 }
 

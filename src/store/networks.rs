@@ -177,7 +177,7 @@ const BY_ID: &str = concat!(
 
 // The row does not contain the weights. `insert` adds the hash of the safetensors file to the audit entry. `weights_sha256` is the hash of the
 // tensors in that file.
-fn as_created(row: &NetworkRow) -> Value {
+fn created_detail(row: &NetworkRow) -> Value {
     json!({"robot_id": row.robot_id, "job_id": row.job_id, "model": row.model, "preset": row.preset, "created_at_ms": row.created_at_ms,
         "weights_sha256": row.weights_sha256, "metadata_sha256": canonical::sha256_hex(row.metadata_json.as_bytes())})
 }
@@ -185,7 +185,7 @@ fn as_created(row: &NetworkRow) -> Value {
 audited!(NetworkRow, id, |row| vec![ExpectedEntry::at(
     AuditEvent::NetworkCreated,
     row.created_at_ms,
-    as_created(row)
+    created_detail(row)
 )]);
 
 /// Stores the network of link parameters of a job.
@@ -217,7 +217,7 @@ async fn insert_by(
         new.weights_sha256
     ];
     let row: NetworkRow = sql::one(tx.connection(), insert, values).await?;
-    tx.audit(AuditEvent::NetworkCreated, &row.id, as_created(&row));
+    tx.audit(AuditEvent::NetworkCreated, &row.id, created_detail(&row));
     tx.audit_field("sha256", new.weights.sha256().into());
     Ok(row)
 }

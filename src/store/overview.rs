@@ -4,10 +4,9 @@
 use super::from_row::row;
 use super::sql::{self, values};
 use super::verifications::newest_set;
-use super::{JobStatus, ListRequest, Page, Result, Store, robots};
+use super::{JobStatus, ListRequest, Page, PolicyRow, Result, Store, robots};
 use crate::wire::job::Kind;
 use crate::wire::parameter_set::ParameterSetStatus;
-use crate::wire::policy::DecisionRule;
 use crate::wire::report_shape::Evidence;
 use crate::wire::verification::Fit;
 
@@ -25,10 +24,7 @@ row! {
         pub check_job_id: Option<String>,
         pub misfit_seq: i64,
         pub checked_seq: i64,
-        pub tolerance_mm: Option<f64>,
-        pub decision_rule: Option<DecisionRule>,
-        pub independent_session_required: bool,
-        pub policy_version: i64,
+        pub policy: PolicyRow,
         pub active_id: Option<String>,
         pub active_job_id: Option<String>,
         pub active_created_at_ms: Option<i64>,
@@ -74,7 +70,8 @@ const LIST: &str = concat!(
     select r.id as id, r.name as name, r.body_json as body_json, r.created_at_ms as created_at_ms, r.check_job_id as check_job_id,
         r.check_seq as misfit_seq, r.checked_seq as checked_seq,
         y.tolerance_mm as tolerance_mm, y.decision_rule as decision_rule,
-        coalesce(y.independent_session_required, 0) as independent_session_required, coalesce(y.version, 0) as policy_version,
+        coalesce(y.independent_session_required, 0) as independent_session_required,
+        coalesce(y.second_person_required, 0) as second_person_required, coalesce(y.version, 0) as version,
         a.id as active_id, a.job_id as active_job_id, a.created_at_ms as active_created_at_ms, a.released_at_ms as active_released_at_ms,
         va.before_rms_mm as active_before_rms_mm, va.after_rms_mm as active_after_rms_mm, va.evidence as active_evidence,
         n.id as newest_id, n.job_id as newest_job_id, n.status as newest_status, n.created_at_ms as newest_created_at_ms,

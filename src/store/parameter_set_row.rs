@@ -69,13 +69,13 @@ row! {
 list_row!(ParameterSetRow);
 
 /// Content of the audit entry about its creation.
-pub(super) fn as_created(row: &ParameterSetRow) -> Value {
+pub(super) fn created_detail(row: &ParameterSetRow) -> Value {
     json!({"robot_id": row.robot_id, "job_id": row.job_id, "sha256": row.sha256, "created_at_ms": row.created_at_ms,
         "body_sha256": canonical::sha256_hex(row.body_json.as_bytes())})
 }
 
 /// Content of the audit entry about its last release, and the time of the release.
-pub(super) fn as_released(row: &ParameterSetRow) -> Option<(i64, Value)> {
+pub(super) fn released_detail(row: &ParameterSetRow) -> Option<(i64, Value)> {
     // A release writes all of these columns. If only some are set, an edit outside the service wrote them. Then the time is 0, and the comparison
     // with the audit chain fails.
     let is_set = row.release_reason.is_some() || row.released_by.is_some();
@@ -92,7 +92,7 @@ pub(super) fn as_released(row: &ParameterSetRow) -> Option<(i64, Value)> {
 }
 
 /// Content of the audit entry about its withdrawal, and the time of the withdrawal.
-pub(super) fn as_withdrawn(row: &ParameterSetRow) -> Option<(i64, Value)> {
+pub(super) fn withdrawn_detail(row: &ParameterSetRow) -> Option<(i64, Value)> {
     let is_set = row.withdraw_reason.is_some() || row.withdrawn_by.is_some();
     let at_ms = row.withdrawn_at_ms.or(is_set.then_some(0))?;
     let detail = json!({"reason": row.withdraw_reason, "withdrawn_by": row.withdrawn_by, "withdrawn_at_ms": row.withdrawn_at_ms});

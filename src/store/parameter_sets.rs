@@ -7,7 +7,7 @@ use super::audit::{ExpectedEntry, audited};
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries};
 pub use super::parameter_set_row::ParameterSetRow;
-use super::parameter_set_row::{as_created, as_released, as_withdrawn};
+use super::parameter_set_row::{created_detail, released_detail, withdrawn_detail};
 use super::policies::ABSENT;
 use super::robots::RobotCheck;
 use super::sql::{self, rows_after, values};
@@ -189,10 +189,10 @@ audited!(ParameterSetRow, id, |row| vec![
     ExpectedEntry::at(
         AuditEvent::ParameterSetCreated,
         row.created_at_ms,
-        as_created(row)
+        created_detail(row)
     ),
-    ExpectedEntry::new(AuditEvent::ParameterSetReleased, as_released(row)).by("released_by"),
-    ExpectedEntry::new(AuditEvent::ParameterSetWithdrawn, as_withdrawn(row)).by("withdrawn_by"),
+    ExpectedEntry::new(AuditEvent::ParameterSetReleased, released_detail(row)).by("released_by"),
+    ExpectedEntry::new(AuditEvent::ParameterSetWithdrawn, withdrawn_detail(row)).by("withdrawn_by"),
 ]);
 
 /// Stores the parameter set of a job, as a candidate.
@@ -203,7 +203,7 @@ pub async fn insert(tx: &mut Tx, job_id: &str, new: &NewParameterSet) -> Result<
     let id = IdPrefix::ParameterSet.new_id();
     let values = values![id, job_id, new.body_json, new.sha256];
     let row: ParameterSetRow = sql::one(tx.connection(), INSERT, values).await?;
-    let mut detail = as_created(&row);
+    let mut detail = created_detail(&row);
     if let Some(estimate) = &new.estimate_json {
         let values = values![row.id, estimate.content()];
         sql::execute(tx.connection(), INSERT_ESTIMATE, values).await?;
@@ -313,7 +313,7 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
         );
     }
     let row = get_in(tx, &release.id).await?;
-    if let Some((_, detail)) = as_released(&row) {
+    if let Some((_, detail)) = released_detail(&row) {
         tx.audit(AuditEvent::ParameterSetReleased, &row.id, detail);
     }
     Ok(row)
@@ -345,7 +345,7 @@ pub async fn withdraw(tx: &mut Tx, id: &str, reason: &str, by: &str) -> Result<P
     lock_and_get(tx, id).await?;
     let changed = sql::execute(tx.connection(), WITHDRAW, values![id, reason, by]).await?;
     let row = get_in(tx, id).await?;
-    if let Some((_, detail)) = as_withdrawn(&row).filter(|_| changed > 0) {
+    if let Some((_, detail)) = withdrawn_detail(&row).filter(|_| changed > 0) {
         tx.audit(AuditEvent::ParameterSetWithdrawn, id, detail);
     }
     Ok(row)

@@ -25,18 +25,6 @@ row! {
     }
 }
 
-impl PolicyRow {
-    /// The policy with the decision rule that is in force.
-    pub fn body(&self, decision_rule: DecisionRule) -> PolicyBody {
-        PolicyBody {
-            tolerance_mm: self.tolerance_mm,
-            decision_rule,
-            independent_session_required: self.independent_session_required,
-            second_person_required: self.second_person_required,
-        }
-    }
-}
-
 /// Value that is bound in place of an absent double. sqlx's `Any` binds an absent double as float4, which PostgreSQL refuses if the statement was
 /// prepared with float8.
 pub(super) const ABSENT: f64 = -1.0;
@@ -71,7 +59,7 @@ row! {
     }
 }
 
-fn as_changed(set: &PolicyChange) -> Value {
+fn changed_detail(set: &PolicyChange) -> Value {
     let PolicyChange {
         policy,
         changed_by,
@@ -92,7 +80,7 @@ audited!(PolicyChange, robot_id, |row| vec![
     ExpectedEntry::at(
         AuditEvent::RobotPolicyChanged,
         row.changed_at_ms,
-        as_changed(row)
+        changed_detail(row)
     )
     .by("changed_by")
 ]);
@@ -124,6 +112,10 @@ pub async fn put(tx: &mut Tx, robot_id: &str, policy: &PolicyBody, by: &str) -> 
         policy.decision_rule.as_str()
     ];
     let set: PolicyChange = sql::one(tx.connection(), PUT, values).await?;
-    tx.audit(AuditEvent::RobotPolicyChanged, robot_id, as_changed(&set));
+    tx.audit(
+        AuditEvent::RobotPolicyChanged,
+        robot_id,
+        changed_detail(&set),
+    );
     Ok(set.policy)
 }

@@ -57,7 +57,7 @@ const ALL: &str = "
     where (robot_id, version) > ($1, $2) order by robot_id, version limit cast($3 as bigint)";
 
 /// Content of the audit entry about an edit.
-pub(super) fn as_edited(row: &RobotVersionRow) -> Value {
+pub(super) fn edited_detail(row: &RobotVersionRow) -> Value {
     json!({"version": row.version, "joint_map_version": row.joint_map_version, "sha256": canonical::sha256_hex(row.body_json.as_bytes()),
         "changed_by": row.changed_by, "changed_at_ms": row.changed_at_ms})
 }
@@ -82,7 +82,7 @@ pub async fn edit(tx: &mut Tx, id: &str, edit: &RobotEdit, by: &str) -> Result<R
         .map_err(|error| error.into_conflict_of_trigger(|_| Conflict::JointMapReleased))?;
     let row = row.ok_or(Conflict::RobotChanged)?;
     sql::execute(tx.connection(), MOVE, values![id, row.version, edit.name]).await?;
-    tx.audit(AuditEvent::RobotEdited, id, as_edited(&row));
+    tx.audit(AuditEvent::RobotEdited, id, edited_detail(&row));
     tx.audit_field("name", edit.name.as_str().into());
     tx.audit_field("changed", json!(edit.changed));
     robots::get_in(tx, id).await

@@ -145,7 +145,7 @@ const MARK_CHECKED: &str = "
 
 /// Content of the audit entry about the creation. `row` comes from the table `robot`, so it has the document as it was created. After an
 /// edit the name is left out, because it may have changed; the entry of the edit has the new name.
-fn as_created(row: &RobotRow) -> Value {
+fn created_detail(row: &RobotRow) -> Value {
     let sha256 = canonical::sha256_hex(row.body_json.as_bytes());
     let mut created = json!({"sha256": sha256, "created_at_ms": row.created_at_ms});
     if row.version == 1 {
@@ -154,24 +154,28 @@ fn as_created(row: &RobotRow) -> Value {
     created
 }
 
-fn as_edited(row: &RobotRow) -> Option<(i64, Value)> {
+fn edited_detail(row: &RobotRow) -> Option<(i64, Value)> {
     let detail = json!({"version": row.version, "name": row.name});
     // No column has the time of the edit, so the entry is required whatever its time.
     (row.version > 1).then_some((i64::MAX, detail))
 }
 
-fn as_checked(row: &RobotRow) -> Value {
+fn checked_detail(row: &RobotRow) -> Value {
     json!({"reason": row.checked_reason, "checked_by": row.checked_by, "checked_at_ms": row.checked_at_ms, "checked_seq": row.checked_seq})
 }
 
 audited!(RobotRow, id, |row| vec![
-    ExpectedEntry::at(AuditEvent::RobotCreated, row.created_at_ms, as_created(row)),
+    ExpectedEntry::at(
+        AuditEvent::RobotCreated,
+        row.created_at_ms,
+        created_detail(row)
+    ),
     ExpectedEntry::new(
         AuditEvent::RobotChecked,
-        row.checked_at_ms.map(|at_ms| (at_ms, as_checked(row)))
+        row.checked_at_ms.map(|at_ms| (at_ms, checked_detail(row)))
     )
     .by("checked_by"),
-    ExpectedEntry::new(AuditEvent::RobotEdited, as_edited(row)),
+    ExpectedEntry::new(AuditEvent::RobotEdited, edited_detail(row)),
 ]);
 
 /// As [`lock`], for the robot of a job.
@@ -219,7 +223,7 @@ pub async fn checked(tx: &mut Tx, id: &str, reason: &str, by: &str) -> Result<Ro
     lock(tx, id).await?;
     sql::execute(tx.connection(), MARK_CHECKED, values![id, reason, by]).await?;
     let row = get_in(tx, id).await?;
-    tx.audit(AuditEvent::RobotChecked, id, as_checked(&row));
+    tx.audit(AuditEvent::RobotChecked, id, checked_detail(&row));
     Ok(row)
 }
 
@@ -228,7 +232,7 @@ pub async fn insert(tx: &mut Tx, new: &NewRobot) -> Result<RobotRow> {
     tx.require_disk_space()?;
     let values = values![IdPrefix::Robot.new_id(), new.name, new.body_json];
     let row: RobotRow = sql::one(tx.connection(), INSERT, values).await?;
-    tx.audit(AuditEvent::RobotCreated, &row.id, as_created(&row));
+    tx.audit(AuditEvent::RobotCreated, &row.id, created_detail(&row));
     Ok(row)
 }
 

@@ -1,17 +1,15 @@
 //! Named work frames and tools of a robot.
 
-use crate::compensation::{FixtureDoubt, FixtureMisfit, FixturePoint, WorkFrame, WorkFrameError};
+use crate::compensation::FixturePoint;
 use crate::measurement::csv::MAX_LABEL_LENGTH;
-use crate::measurement::{Frame, MeasurementSet};
 use crate::wire::compensate::OWN_FRAMES;
 use crate::wire::frames::Transform;
 use crate::wire::id::MAX_ID;
 use crate::wire::issue::{Checker, Invalid};
 use crate::wire::measurement::Warning;
-use crate::wire::tool::{ToolBody, check_lengths, check_rotation, check_std, rotation};
-use nalgebra::{IsometryMatrix3, Translation3, Vector3};
+use crate::wire::tool::{ToolBody, check_lengths, check_rotation, check_std};
+use nalgebra::IsometryMatrix3;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeSet;
 use utoipa::ToSchema;
 
 /// Maximum number of points of a measured frame.
@@ -134,113 +132,11 @@ pub fn check_name(name: &str, max: usize) -> Result<(), Invalid> {
 }
 
 impl WorkFrameBody {
-    /// Checks the body and computes the work frame.
-    pub fn work_frame(&self) -> Result<WorkFrame, Invalid> {
-        self.check()?;
-        if self.points.is_none() {
-            let origin = Vector3::from(self.translation_mm.unwrap_or_default());
-            return Ok(WorkFrame::typed(IsometryMatrix3::from_parts(
-                Translation3::from(origin),
-                rotation(self.quaternion, self.rotation),
-            )));
-        }
-        let std_mm = self.std_mm.unwrap_or(0.0);
-        WorkFrame::measured(&self.fixture_points(), std_mm).map_err(|unfit: WorkFrameError| {
-            Invalid::at("/points", "points_give_no_frame", unfit.to_string())
-        })
-    }
-
-    /// As [`Self::work_frame`]; refuses points that do not fit, at `pointer`. Frames that were stored before this check can still be listed.
+    /// Makes all checks that need only the body.
     ///
     /// # Errors
-    /// As [`Self::work_frame`], and [`Invalid`] for points that do not fit.
-    pub fn fitting_work_frame(&self, pointer: &str) -> Result<WorkFrame, Invalid> {
-        let frame = self.work_frame()?;
-        let std_mm = self.std_mm.unwrap_or(0.0);
-        match FixtureMisfit::of(&self.fixture_points(), &frame, std_mm) {
-            Some(misfit) => {
-                let code = "work_frame_does_not_fit";
-                Err(Invalid::at(pointer, code, misfit.to_string()))
-            }
-            None => Ok(frame),
-        }
-    }
-
-    /// The warning about a frame whose points do not fit well; `None` if they fit, and for a frame whose pose was entered.
-    pub fn misfit_warning(&self, frame: &WorkFrame) -> Option<Warning> {
-        self.points.as_ref()?;
-        let std_mm = self.std_mm.unwrap_or(0.0);
-        let doubt = FixtureDoubt::of(&self.fixture_points(), frame, std_mm)?;
-        Some(Warning {
-            code: doubt.code().into(),
-            detail: doubt.to_string(),
-            rows: doubt.points(),
-            points: vec![],
-        })
-    }
-
-    /// Refuses `std_mm` of a frame whose pose was entered, because the stated uncertainties of targets would not include it. Frames that
-    /// were stored before this check stay usable.
-    ///
-    /// # Errors
-    /// [`Invalid`] if the frame's pose was entered and `std_mm` is given.
-    pub fn check_std(&self) -> Result<(), Invalid> {
-        if self.points.is_some() || self.std_mm.is_none() {
-            return Ok(());
-        }
-        let detail = "std_mm is the uncertainty of measured points, and this frame is typed. Stated uncertainties of targets take a typed frame as \
-                      exact: remove it";
-        Err(Invalid::at("/std_mm", "mixed_kinds", detail))
-    }
-
-    /// Checks that the numbers are in the measuring frame of parameters that are identified from the set. For a set with several stations,
-    /// this is the frame of the last station. In the base frame it is that of the first station.
-    ///
-    /// # Errors
-    /// [`Invalid`] if the set has several stations and the body states another station or none.
-    pub fn check_station(&self, set: &MeasurementSet) -> Result<(), Invalid> {
-        let order = set.measuring_order();
-        let stations = order.iter();
-        let stations: Vec<&str> = stations
-            .filter_map(|row| set.points[*row].station.as_deref())
-            .collect();
-        let of_parameters = match set.frame {
-            Frame::Instrument => stations.last(),
-            Frame::Base => stations.first(),
-        };
-        let stated = self.station.as_deref();
-        let Some(of_parameters) = of_parameters else {
-            return match stated {
-                Some(_) => Err(Invalid::at(
-                    "/station",
-                    "not_applicable",
-                    "the set has no stations: remove it",
-                )),
-                None => Ok(()),
-            };
-        };
-        let all: BTreeSet<&str> = stations.iter().copied().collect();
-        if stated == Some(*of_parameters) || stated.is_none() && all.len() == 1 {
-            return Ok(());
-        }
-        let detail = format!(
-            "the set has the stations {}, and parameters identified from it are in the frame of {of_parameters}: measure the work frame from there, and say \
-             so with station: {of_parameters:?}",
-            all.into_iter().collect::<Vec<_>>().join(", ")
-        );
-        Err(Invalid::at("/station", "other_station", detail))
-    }
-
-    fn fixture_points(&self) -> Vec<FixturePoint> {
-        let points = self.points.iter().flatten();
-        let point = |p: &FixturePointBody| FixturePoint {
-            nominal_mm: p.nominal_mm.into(),
-            measured_mm: p.measured_mm.into(),
-        };
-        points.map(point).collect()
-    }
-
-    fn check(&self) -> Result<(), Invalid> {
+    /// [`Invalid`] with every field that is wrong.
+    pub fn check(&self) -> Result<(), Invalid> {
         let mut checker = Checker::default();
         let is_typed =
             self.translation_mm.is_some() || self.quaternion.is_some() || self.rotation.is_some();
@@ -302,24 +198,6 @@ impl WorkFrameBody {
         check_std(&mut checker, "", self.std_mm);
         checker.finish("invalid_work_frame")
     }
-
-    /// The answer for a stored work frame.
-    pub fn answer(self, name: String, created_at: String) -> Result<WorkFrameAnswer, Invalid> {
-        let frame = self.work_frame()?;
-        let is_measured = !frame.residuals_mm.is_empty();
-        let warnings = self.misfit_warning(&frame).into_iter().collect();
-        Ok(WorkFrameAnswer {
-            name,
-            reference: self.reference,
-            measurement_set_id: self.measurement_set_id,
-            t_reference_work: Transform::from(&frame.t_reference_work),
-            rms_mm: is_measured.then(|| frame.rms_mm()),
-            origin_std_mm: is_measured.then(|| frame.position_std_mm(&Vector3::zeros())),
-            warnings,
-            residuals_mm: frame.residuals_mm,
-            created_at,
-        })
-    }
 }
 
 impl ToolBody {
@@ -330,6 +208,15 @@ impl ToolBody {
             t_flange_tool: Transform::from(&IsometryMatrix3::from(self)),
             std_mm: self.std_mm,
             created_at,
+        }
+    }
+}
+
+impl From<&FixturePointBody> for FixturePoint {
+    fn from(point: &FixturePointBody) -> Self {
+        Self {
+            nominal_mm: point.nominal_mm.into(),
+            measured_mm: point.measured_mm.into(),
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Pose plans: which poses to measure next.
 
-use crate::planning::{AcceptanceCone, AlignedBox, BaseCylinder, LineOfSight, Room};
+use crate::planning::{AlignedBox, BaseCylinder};
 use crate::wire::id;
 use crate::wire::issue::{Checker, Invalid};
 use crate::wire::job::Model;
@@ -8,15 +8,13 @@ use crate::wire::measurement::Frame;
 use crate::wire::report_shape::ToolUncertaintyReport;
 use crate::wire::robot::{MAX_LENGTH_MM, MAX_NAME};
 use crate::wire::warning::Warning;
-use nalgebra::{Unit, Vector3};
+use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
 use utoipa::ToSchema;
 
 /// Maximum number of configurations of a plan. This is more than can be measured in a day.
 pub const MAX_PLANNED: usize = 300;
-/// Default number of candidates.
-pub const DEFAULT_CANDIDATES: usize = 10_000;
 /// Maximum number of candidates for positions. Poses have twice the rows, so half as many are allowed.
 pub const MAX_CANDIDATES: usize = 50_000;
 /// Maximum number of set-ups.
@@ -36,8 +34,6 @@ pub(super) const HALF_ANGLE_DEG: RangeInclusive<f64> = 1.0..=180.0;
 const LENGTHS: &str = "lengths are in millimetres";
 /// Minimum length of a direction.
 const SHORTEST_AXIS: f64 = 1e-6;
-/// Half angle of the acceptance cone, if only its axis is stated: that of most reflectors, degrees.
-const DEFAULT_HALF_ANGLE_DEG: f64 = 30.0;
 
 /// What is measured at each configuration of a plan.
 #[derive(
@@ -222,45 +218,6 @@ impl PosePlanBody {
             .collect()
     }
 
-    /// Number of repeats in a set-up with `n_configurations`.
-    pub fn repeats_of(&self, n_configurations: usize) -> usize {
-        let default = if n_configurations < 20 { 0 } else { 3 };
-        self.n_repeats.unwrap_or(default)
-    }
-
-    /// The space in which the robot may move, one for each set-up; a single space without set-ups.
-    pub fn rooms(&self) -> Vec<Room> {
-        if self.set_ups.is_empty() {
-            return vec![self.room(&self.boxes, self.instrument_mm)];
-        }
-        let of_set_up = |set_up: &SetUpBody| {
-            let own = Some(&set_up.boxes).filter(|boxes| !boxes.is_empty());
-            self.room(own.unwrap_or(&self.boxes), set_up.instrument_mm)
-        };
-        self.set_ups.iter().map(of_set_up).collect()
-    }
-
-    fn room(&self, boxes: &[BoxBody], instrument_mm: Option<[f64; 3]>) -> Room {
-        let half_angle_deg = self.target_half_angle_deg.unwrap_or(DEFAULT_HALF_ANGLE_DEG);
-        let cone = self.target_axis.map(|axis| AcceptanceCone {
-            axis: Unit::new_normalize(Vector3::from(axis)).into_inner(),
-            half_angle_rad: half_angle_deg.to_radians(),
-        });
-        Room {
-            boxes_mm: boxes.iter().map(AlignedBox::from).collect(),
-            keep_out_mm: self.keep_out.iter().map(AlignedBox::from).collect(),
-            floor_z_mm: self.floor_z_mm,
-            base_cylinder: self.base_cylinder.map(|c| BaseCylinder {
-                radius_mm: c.radius_mm,
-                height_mm: c.height_mm,
-            }),
-            line_of_sight: instrument_mm.map(|at| LineOfSight {
-                instrument_mm: Vector3::from(at),
-                cone,
-            }),
-        }
-    }
-
     /// Makes all checks that need only the request.
     pub fn check(&self) -> Result<(), Invalid> {
         let mut checker = Checker::default();
@@ -428,5 +385,14 @@ fn check_boxes(at: &str, boxes: &[BoxBody], checker: &mut Checker) {
 impl From<&BoxBody> for AlignedBox {
     fn from(b: &BoxBody) -> Self {
         (Vector3::from(b.min_mm), Vector3::from(b.max_mm))
+    }
+}
+
+impl From<&BaseCylinderBody> for BaseCylinder {
+    fn from(c: &BaseCylinderBody) -> Self {
+        Self {
+            radius_mm: c.radius_mm,
+            height_mm: c.height_mm,
+        }
     }
 }

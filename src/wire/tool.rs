@@ -31,10 +31,7 @@ pub struct ToolBody {
 }
 
 /// The rotation of a quaternion or a matrix; the identity if neither is given.
-pub(super) fn rotation(
-    quaternion: Option<[f64; 4]>,
-    matrix: Option<[[f64; 3]; 3]>,
-) -> Rotation3<f64> {
+pub fn rotation(quaternion: Option<[f64; 4]>, matrix: Option<[[f64; 3]; 3]>) -> Rotation3<f64> {
     if let Some(Ok(rotation)) = quaternion.map(unit_quaternion) {
         return rotation;
     }

@@ -15,7 +15,7 @@ use kincal::identification::KinematicModel;
 use kincal::identification::model::parameters::rotation_exp;
 use kincal::kinematics::{Robot, t_base_flange};
 use kincal::measurement::{Frame, MeasurementSet, Subset};
-use kincal::operations::{Correctable, compensate};
+use kincal::operations::{Correctable, compensate, fitting_work_frame, work_frame_answer};
 use kincal::wire::compensate::{CartesianTarget, CompensateBody};
 use kincal::wire::estimate::StoredEstimate;
 use kincal::wire::frames::Transform;
@@ -391,7 +391,7 @@ fn a_fixture_point_that_is_off_is_named_and_noise_alone_raises_no_doubt() {
         quaternion: None,
         rotation: None,
     };
-    let answer = body.answer("bench".into(), "now".into()).unwrap();
+    let answer = work_frame_answer(body, "bench".into(), "now".into()).unwrap();
     assert_eq!(answer.warnings[0].code, "work_frame_point_off");
     assert_eq!(answer.warnings[0].rows, [5]);
 }
@@ -564,7 +564,9 @@ fn cartesian_targets_in_a_measured_work_frame_are_met_within_the_stated_uncertai
         };
         let answer = compensate(&request, from).unwrap();
         let stated_mm = answer.position_std_mm.expect("a stated uncertainty");
-        let t_reference_work = work_frame.work_frame().unwrap().t_reference_work;
+        let t_reference_work = fitting_work_frame(&work_frame, "/frame")
+            .unwrap()
+            .t_reference_work;
         for (i, wanted) in wanted.iter().enumerate() {
             if answer.status[i] != Status::Ok {
                 continue;

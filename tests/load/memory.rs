@@ -179,7 +179,7 @@ fn clients_that_do_not_read_their_answers_stay_within_memory_and_are_refused_bey
         .enable_all()
         .build()
         .unwrap();
-    let deaf = runtime.block_on(async {
+    let not_reading = runtime.block_on(async {
         let mut all = JoinSet::new();
         for _ in 0..NOT_READING {
             let (address, path) = (address.clone(), path.clone());
@@ -187,7 +187,12 @@ fn clients_that_do_not_read_their_answers_stay_within_memory_and_are_refused_bey
         }
         all.join_all().await
     });
-    let count = |status: u16| deaf.iter().filter(|(found, _)| *found == status).count();
+    let count = |status: u16| {
+        not_reading
+            .iter()
+            .filter(|(found, _)| *found == status)
+            .count()
+    };
     println!(
         "{} kept, {} refused; at most {} MiB",
         count(200),
@@ -211,7 +216,7 @@ fn clients_that_do_not_read_their_answers_stay_within_memory_and_are_refused_bey
         "small answers go on"
     );
     assert!(peak_mib(&server) <= MAX_MIB, "{} MiB", peak_mib(&server));
-    drop(deaf);
+    drop(not_reading);
     let begun = Instant::now();
     while runtime.block_on(ask(&address, &path)).0 != 200 {
         assert!(

@@ -174,6 +174,11 @@ impl Limits {
         }
     }
 
+    /// A permit to write, for signing in and out. They are reads before routing, so that a browser can always be told to forget its cookie.
+    pub fn write_permit(&self) -> Result<OwnedSemaphorePermit, Error> {
+        try_take(&self.0.writes, 1)
+    }
+
     /// A permit to wait for a job, for a long poll or an event stream.
     pub fn waiting_permit(&self) -> Result<OwnedSemaphorePermit, Error> {
         try_take(&self.0.waiting, 1)

@@ -106,7 +106,7 @@ async fn robot_versions(check: &mut Check, store: &Store, chain: &Chain) -> Resu
             check.n_examined += 1;
             let mut entries = chain.entries(&row.robot_id, AuditEvent::RobotEdited);
             let then = entries.find(|entry| entry.detail["version"] == row.version);
-            let now = robot_versions::as_edited(&row);
+            let now = robot_versions::edited_detail(&row);
             let is_so = then.is_some_and(|then| {
                 let mut fields = now.as_object().into_iter().flatten();
                 fields.all(|(field, now)| then.detail.get(field) == Some(now))

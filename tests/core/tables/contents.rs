@@ -1,6 +1,7 @@
 //! Columns beside joints and positions, and rows that hold no measurement.
 
 use super::*;
+use kincal::release::unread_labels;
 use nalgebra::Matrix3;
 
 /// A table with other columns behind joints and positions.
@@ -290,9 +291,9 @@ fn a_covariance_is_read_from_its_six_columns() {
 fn columns_that_may_say_the_reflector_or_the_set_up_are_named() {
     let written = beside(&["Target", "Station no.", "Operator"], three);
     let (_, reading) = read(written.text().as_bytes(), "").unwrap();
-    let named = reading.unwrap().unread_labels().unwrap();
+    let named = unread_labels(&reading.unwrap()).unwrap();
     assert!(named.contains("\"Target\", \"Station no.\"."), "{named}");
     assert!(named.contains("{\"target\": \"Target\"}") && !named.contains("Operator"));
     let (_, reading) = read(labelled("No.").text().as_bytes(), "").unwrap();
-    assert!(reading.unwrap().unread_labels().is_none());
+    assert!(unread_labels(&reading.unwrap()).is_none());
 }

@@ -254,16 +254,16 @@ fn a_cancelled_job_is_over_soon_though_its_computation_does_not_look_and_its_wor
         let set = a_set(store, &a_robot(store, "r").await).await;
         let signals = JobSignals::default();
         let pool = WorkerPool::start(store.clone(), run_scripted, 1, RULES, signals.clone());
-        let deaf = a_job(store, &set, "report progress, wait at the gate").await;
+        let unresponsive = a_job(store, &set, "report progress, wait at the gate").await;
         signals.job_enqueued();
-        arrived(&deaf.id).await;
+        arrived(&unresponsive.id).await;
         let next = a_job(store, &set, "succeed").await;
         signals.job_enqueued();
         let started = Instant::now();
-        queue::cancel(store, &signals, &deaf.id, "anybody")
+        queue::cancel(store, &signals, &unresponsive.id, "anybody")
             .await
             .unwrap();
-        let over = until(store, &deaf.id, |job| job.status.is_over()).await;
+        let over = until(store, &unresponsive.id, |job| job.status.is_over()).await;
         assert_eq!(over.status, JobStatus::Cancelled);
         assert!(started.elapsed() < LONG / 10, "{:?}", started.elapsed());
         // More than enough time to claim it.
@@ -273,7 +273,7 @@ fn a_cancelled_job_is_over_soon_though_its_computation_does_not_look_and_its_wor
             JobStatus::Queued,
             "one worker computes one job at a time"
         );
-        gate(&deaf.id).open();
+        gate(&unresponsive.id).open();
         assert_eq!(
             until(store, &next.id, |job| job.status.is_over())
                 .await
@@ -281,22 +281,22 @@ fn a_cancelled_job_is_over_soon_though_its_computation_does_not_look_and_its_wor
             JobStatus::Succeeded
         );
         assert_eq!(
-            jobs::get(store, &deaf.id).await.unwrap().status,
+            jobs::get(store, &unresponsive.id).await.unwrap().status,
             JobStatus::Cancelled,
             "what it gave in the end is nobody's"
         );
         // A pool that shuts down does not wait for such a thread.
-        let deaf = a_job(store, &set, "report progress, wait at the gate").await;
+        let unresponsive = a_job(store, &set, "report progress, wait at the gate").await;
         signals.job_enqueued();
-        arrived(&deaf.id).await;
-        queue::cancel(store, &signals, &deaf.id, "anybody")
+        arrived(&unresponsive.id).await;
+        queue::cancel(store, &signals, &unresponsive.id, "anybody")
             .await
             .unwrap();
-        until(store, &deaf.id, |job| job.status.is_over()).await;
+        until(store, &unresponsive.id, |job| job.status.is_over()).await;
         let started = Instant::now();
         pool.shutdown(LONG).await;
         assert!(started.elapsed() < LONG / 10, "{:?}", started.elapsed());
-        gate(&deaf.id).open();
+        gate(&unresponsive.id).open();
     });
 }
 
@@ -311,10 +311,10 @@ fn a_cancelled_computation_without_an_end_keeps_its_worker_no_longer_than_a_job_
             ..RULES
         };
         let pool = WorkerPool::start(store.clone(), run_scripted, 1, rules, signals.clone());
-        let deaf = a_job(store, &set, "report progress, wait at the gate").await;
+        let unresponsive = a_job(store, &set, "report progress, wait at the gate").await;
         signals.job_enqueued();
-        arrived(&deaf.id).await;
-        queue::cancel(store, &signals, &deaf.id, "anybody")
+        arrived(&unresponsive.id).await;
+        queue::cancel(store, &signals, &unresponsive.id, "anybody")
             .await
             .unwrap();
         let (next, started) = (a_job(store, &set, "succeed").await, Instant::now());
@@ -328,11 +328,11 @@ fn a_cancelled_computation_without_an_end_keeps_its_worker_no_longer_than_a_job_
         // The gate would time out later.
         assert!(started.elapsed() < LONG / 4, "{:?}", started.elapsed());
         assert_eq!(
-            jobs::get(store, &deaf.id).await.unwrap().status,
+            jobs::get(store, &unresponsive.id).await.unwrap().status,
             JobStatus::Cancelled
         );
         pool.shutdown(LONG).await;
-        gate(&deaf.id).open();
+        gate(&unresponsive.id).open();
     });
 }
 
