@@ -3,7 +3,7 @@
 use crate::data::{paper_robot, paper_set};
 use crate::simulation::{Campaign, Normal, measure, poses, robot_of_the_priors, true_value};
 use kincal::calibration::report::ParameterOutcome;
-use kincal::calibration::request::{Loss, ParameterChoice, ParameterPrior};
+use kincal::calibration::request::{Loss, ParameterChoice, ParameterPrior, VerifySource};
 use kincal::calibration::{
     CalibrationReport, CalibrationRequest, Error, Event, Method, Model, Preset, calibrate,
     prior_faults,
@@ -376,6 +376,39 @@ fn corrections_are_fitted_beside_stated_priors() {
     let (free_mm, held_mm) = (with(vec![]), with(vec![prior("a_3", 1e-3)]));
     println!("a_3 with corrections: {free_mm:.4} mm, {held_mm:.5} mm with a prior of 0.001 mm");
     assert!(free_mm.abs() > 0.02 && held_mm.abs() < 3e-3);
+}
+
+/// The nominal robot is placed anew when stations move, and a target that a coordinate measuring machine measured stays where it was stated.
+#[test]
+fn a_prior_of_a_target_holds_with_several_stations() {
+    let robot = paper_robot();
+    let mut random = Normal::new(62);
+    let truth = robot_of_the_priors(&robot, 1, &mut random);
+    let mut set = measure(
+        &truth,
+        &poses(60, &mut random),
+        &Campaign::PLAIN,
+        &mut random,
+    );
+    for (row, point) in set.points.iter_mut().enumerate() {
+        point.station = Some(if row < 30 { "a".into() } else { "b".into() });
+    }
+    let z_mm = truth.targets_mm[0].z;
+    let report = run(&CalibrationRequest {
+        priors: vec![ParameterPrior {
+            mean: Some(z_mm),
+            ..prior("target_0_z", 1e-3)
+        }],
+        verify: VerifySource::Fraction(0.5),
+        ..CalibrationRequest::new(robot, set)
+    });
+    let stated = of(&report, "target_0_z").prior.as_ref().unwrap().mean;
+    println!(
+        "target_0_z {:.5} mm, prior {stated:.5} mm, stated {z_mm:.5} mm",
+        report.targets_mm[0].z
+    );
+    assert!((stated - z_mm).abs() < 1e-9 && (report.targets_mm[0].z - z_mm).abs() < 4e-3);
+    assert_eq!(report.uncertainty_absent_because, None);
 }
 
 #[test]

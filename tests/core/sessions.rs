@@ -675,6 +675,37 @@ fn the_noise_of_many_small_stations_counts_what_their_placement_takes() {
     assert!((median - 1.0).abs() < 0.05);
 }
 
+/// The same poses from each station say little more of the robot, but they place the stations.
+#[test]
+fn the_same_poses_from_four_stations_state_an_uncertainty() {
+    let robot = paper_robot();
+    let mut random = Normal::new(760);
+    let truth = true_robot(&robot, 1, &mut random);
+    let q_rad = poses(24, &mut random);
+    let sessions: Vec<MeasurementSet> = (0..4)
+        .map(|_| {
+            let mut there = truth.clone();
+            there.t_instrument_base = true_robot(&robot, 1, &mut random).t_instrument_base;
+            measure(&there, &q_rad, &Campaign::PLAIN, &mut random)
+        })
+        .collect();
+    let mut stations = joined(&sessions);
+    stations.points.iter_mut().for_each(|p| p.session = None);
+    let report = run(&CalibrationRequest {
+        verify: VerifySource::Fraction(0.5),
+        corrections: Some(CorrectionsChoice::Off),
+        ..CalibrationRequest::new(robot, stations)
+    })
+    .unwrap();
+    assert_eq!(report.uncertainty_absent_because, None);
+    assert!(
+        !report
+            .warnings
+            .iter()
+            .any(|w| w.code == "nothing_left_to_judge")
+    );
+}
+
 /// A fit of few points of several set-ups has fewer equations than unknowns. It broke with a slice out of range.
 #[test]
 fn small_sessions_and_stations_are_fitted_or_refused() {

@@ -125,6 +125,9 @@ impl Problem<'_> {
             let links = self.nominal.links.clone();
             let n_targets = self.screening.targets.len();
             self.nominal = placed(self.request, links, &with_weight(&self.identify), n_targets);
+            if let Some(known) = &mut self.priors {
+                known.priors = known.priors.with_reference(&self.nominal);
+            }
         }
         self
     }

@@ -149,7 +149,7 @@ pub fn stated(
 pub fn no_redundancy_warning(problem: &Problem<'_>) -> Option<Warning> {
     let (equations, rank) = without_redundancy(problem)?;
     let detail = format!(
-        "{equations} equations from distinct configurations to identify from fix {rank} combinations of parameters: the fit can follow any error \
+        "{equations} equations from distinct configurations to identify from fix {rank} combinations of parameters (and places of stations): the fit can follow any error \
          of the points, and what is left of them says nothing of how far the robot is off. Measure more configurations, or hold parameters"
     );
     Some(Warning {
@@ -159,11 +159,27 @@ pub fn no_redundancy_warning(problem: &Problem<'_>) -> Option<Warning> {
     })
 }
 
-/// Number of equations and of combinations that they determine, with six for each station, if there are no more equations than those. Repeated poses do not add equations: they show only the repeatability.
+/// Number of equations and of unknowns that they determine, if there are no more equations than unknowns. Repeated poses do not add equations:
+/// they show only the repeatability, and from another station the place of that station.
 pub fn without_redundancy(problem: &Problem<'_>) -> Option<(usize, usize)> {
-    let rank = problem.decomposition.rank() + problem.n_station_variables();
-    let equations = n_equations(&with_weight(&problem.identify), rank + 1);
-    (equations <= rank).then_some((equations, rank))
+    let points = with_weight(&problem.identify);
+    let rank = problem.decomposition.rank();
+    let of_robot = n_equations(&points, rank + 1);
+    if of_robot <= rank {
+        return Some((of_robot, rank));
+    }
+    let unknowns = rank + problem.n_station_variables();
+    let stations: BTreeSet<Option<usize>> = points.iter().map(|o| o.station).collect();
+    let of_station = |station| {
+        let own: Vec<Observation> = points
+            .iter()
+            .filter(|o| o.station == station)
+            .cloned()
+            .collect();
+        n_equations(&own, unknowns + 1)
+    };
+    let equations = stations.into_iter().map(of_station).sum();
+    (equations <= unknowns).then_some((equations, unknowns))
 }
 
 #[cfg(test)]

@@ -60,6 +60,7 @@ pub fn flange_rotation(
     let nominal = fit_base_and_targets(&robot.links, &observations, n_targets);
     let mut points = Problem::new(nominal, &parameters, &observations)
         .with_stations(&observations, MIN_OF_SETUP);
+    points.least_sigma_mm = problem.least_sigma_mm.unwrap_or(points.least_sigma_mm);
     state_priors_of_links(problem, &parameters, &mut points);
     let start = vec![0.0; points.variables.len()];
     let found = estimate(&points, &start, 0.0, &mut |_| ControlFlow::Continue(()));

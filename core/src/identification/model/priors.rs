@@ -107,6 +107,15 @@ impl Priors {
             .collect()
     }
 
+    /// The same priors and bounds, with deviations from another reference.
+    pub fn with_reference(&self, reference: &KinematicModel) -> Self {
+        Self {
+            all: self.from(reference).all,
+            reference: reference.clone(),
+            ..self.clone()
+        }
+    }
+
     /// True if a parameter has a bound.
     pub fn has_bounds(&self) -> bool {
         let is_bounded = |prior: &Prior| prior.min.is_finite() || prior.max.is_finite();
