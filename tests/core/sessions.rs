@@ -641,6 +641,13 @@ fn sessions_in_the_base_frame_are_refused_if_the_base_moved_between_them() {
     assert!(refused.count() <= 1);
 }
 
+/// The points of all sessions as one upload of several stations.
+fn as_stations(sessions: &[MeasurementSet]) -> MeasurementSet {
+    let mut stations = joined(sessions);
+    stations.points.iter_mut().for_each(|p| p.session = None);
+    stations
+}
+
 /// Sessions of one robot, each from another place of the instrument.
 fn visits(n_sessions: usize, n_poses: usize, random: &mut Normal) -> Vec<MeasurementSet> {
     let robot = paper_robot();
@@ -659,8 +666,7 @@ fn the_noise_of_many_small_stations_counts_what_their_placement_takes() {
     let robot = paper_robot();
     let mut ratios: Vec<f64> = (0..16)
         .map(|seed| {
-            let mut stations = joined(&visits(6, 8, &mut Normal::new(700 + seed)));
-            stations.points.iter_mut().for_each(|p| p.session = None);
+            let stations = as_stations(&visits(6, 8, &mut Normal::new(700 + seed)));
             let request = CalibrationRequest {
                 corrections: Some(CorrectionsChoice::Off),
                 ..CalibrationRequest::new(robot.clone(), stations)
@@ -689,8 +695,7 @@ fn the_same_poses_from_four_stations_state_an_uncertainty() {
             measure(&there, &q_rad, &Campaign::PLAIN, &mut random)
         })
         .collect();
-    let mut stations = joined(&sessions);
-    stations.points.iter_mut().for_each(|p| p.session = None);
+    let stations = as_stations(&sessions);
     let report = run(&CalibrationRequest {
         verify: VerifySource::Fraction(0.5),
         corrections: Some(CorrectionsChoice::Off),
@@ -714,8 +719,7 @@ fn small_sessions_and_stations_are_fitted_or_refused() {
     for (n_sessions, n_poses) in [(2, 6), (2, 8), (2, 9), (2, 10), (3, 7), (3, 9), (2, 14)] {
         for seed in 0..3 {
             let sessions = visits(n_sessions, n_poses, &mut Normal::new(40 + seed));
-            let mut stations = joined(&sessions);
-            stations.points.iter_mut().for_each(|p| p.session = None);
+            let stations = as_stations(&sessions);
             for request in [
                 links_alone(&robot, &sessions),
                 CalibrationRequest::new(robot.clone(), stations),

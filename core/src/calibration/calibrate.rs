@@ -76,8 +76,8 @@ fn calibrate_points<'a>(
             monitor,
         ),
     })?;
+    let mut problem = problem.with_stations_moved(&std::mem::take(&mut found.station_motions));
     let mut own = comparison_row(&problem, method.as_str(), method.as_str(), &found, None);
-    let mut problem = problem.with_stations_moved(&found.station_motions);
     let of_method = found.model.clone();
     let network = match (&found.swarm, method) {
         // The network predicts link parameters. Without free link parameters there is nothing to train.

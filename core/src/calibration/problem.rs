@@ -1,12 +1,13 @@
 //! Input of the methods: the points of a request, its free parameters, and prior knowledge.
 
-use crate::calibration::preparation::arrangement::Arrangement;
+use crate::calibration::preparation::arrangement::{Arrangement, MIN_OF_SETUP};
 use crate::calibration::preparation::loss::PointLoss;
 use crate::calibration::preparation::observe::{Observed, placed};
 use crate::calibration::preparation::screening::Screening;
 use crate::calibration::request::{CalibrationRequest, Model};
 use crate::calibration::settings::Settings;
 use crate::identification::least_squares::linearisation::decomposition_at;
+use crate::identification::least_squares::problem::moving_stations;
 use crate::identification::model::identifiability::Decomposition;
 use crate::identification::model::objective::{Observation, with_weight};
 use crate::identification::model::parameters::{Parameter, quantity_mut};
@@ -134,7 +135,7 @@ impl Problem<'_> {
 
     /// Number of variables of the stations of the identify points.
     pub fn n_station_variables(&self) -> usize {
-        self.rows(&self.identify, &[]).station_variables().len()
+        6 * moving_stations(&self.identify, MIN_OF_SETUP).len()
     }
 
     /// The network that the job may start from.

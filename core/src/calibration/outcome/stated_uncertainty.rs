@@ -149,8 +149,8 @@ pub fn stated(
 pub fn no_redundancy_warning(problem: &Problem<'_>) -> Option<Warning> {
     let (equations, rank) = without_redundancy(problem)?;
     let detail = format!(
-        "{equations} equations from distinct configurations to identify from fix {rank} combinations of parameters (and places of stations): the fit can follow any error \
-         of the points, and what is left of them says nothing of how far the robot is off. Measure more configurations, or hold parameters"
+        "{equations} equations from distinct configurations to identify from fix {rank} combinations of parameters and places of stations: the fit can \
+         follow any error of the points, and what is left of them says nothing of how far the robot is off. Measure more configurations, or hold parameters"
     );
     Some(Warning {
         code: "nothing_left_to_judge",
@@ -168,7 +168,11 @@ pub fn without_redundancy(problem: &Problem<'_>) -> Option<(usize, usize)> {
     if of_robot <= rank {
         return Some((of_robot, rank));
     }
-    let unknowns = rank + problem.n_station_variables();
+    let of_stations = problem.n_station_variables();
+    if of_stations == 0 {
+        return None;
+    }
+    let unknowns = rank + of_stations;
     let stations: BTreeSet<Option<usize>> = points.iter().map(|o| o.station).collect();
     let of_station = |station| {
         let own: Vec<Observation> = points

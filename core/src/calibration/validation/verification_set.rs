@@ -129,38 +129,27 @@ impl<'a> Layout<'a> {
             };
         }
         let mut arrangement = self.arrangement.clone();
-        let flange = |o: &Observation| t_base_flange(&model.links, &o.q_rad);
-        let mut placed = self.placed_by(&model.links, &flange, &mut observed, &mut arrangement);
+        let place = |observed: &mut Observed, arrangement: &mut Arrangement| {
+            arrangement.apply(observed);
+            let segments = arrangement.fitted_targets(observed).segments;
+            let flange = |o: &Observation| t_base_flange(&model.links, &o.q_rad);
+            let (placed, motions) = placed_at(&model.links, &flange, &observed.all, segments.len());
+            arrangement.move_stations(&motions);
+            arrangement.apply(observed);
+            (placed, segments)
+        };
+        let (mut placed, mut segments) = place(&mut observed, &mut arrangement);
         if is_by_direction(self.request, self.set) || self.set.has_poses() {
             for _ in 0..WEIGHTING_ROUNDS {
                 let n_placed = self.n_refitted();
                 let laid_out = (&arrangement, self.screening.outliers.as_slice());
-                weigh_placed(self.set, &mut observed, laid_out, &placed.model, n_placed);
-                placed = self.placed_by(&model.links, &flange, &mut observed, &mut arrangement);
+                weigh_placed(self.set, &mut observed, laid_out, &placed, n_placed);
+                (placed, segments) = place(&mut observed, &mut arrangement);
             }
         }
-        placed
-    }
-
-    /// Places a robot, whose flange is known at each observation, on the points: base, targets and stations, by one least-squares fit.
-    fn placed_by(
-        &self,
-        links: &[Link],
-        flange: &dyn Fn(&Observation) -> IsometryMatrix3<f64>,
-        observed: &mut Observed,
-        arrangement: &mut Arrangement,
-    ) -> Placed {
-        arrangement.apply(observed);
-        let segments = arrangement.fitted_targets(observed).segments;
-        let points = with_weight(&observed.all);
-        let flanges: Vec<IsometryMatrix3<f64>> = points.iter().map(flange).collect();
-        let (model, motions) =
-            place_with_stations(links, &flanges, &points, segments.len(), MIN_OF_SETUP);
-        arrangement.move_stations(&motions);
-        arrangement.apply(observed);
         Placed {
-            model,
-            observed: observed.clone(),
+            model: placed,
+            observed,
             segments,
         }
     }
@@ -180,12 +169,9 @@ impl<'a> Layout<'a> {
         };
         let corrected = placed.robot.corrected.as_mut();
         if let Some(corrected) = corrected.filter(|_| self.is_placed_anew) {
-            let points = with_weight(&placed.points);
             let flange = |o: &Observation| corrected.t_base_flange(&o.q_rad);
-            let flanges: Vec<IsometryMatrix3<f64>> = points.iter().map(flange).collect();
             let (links, n_targets) = (&corrected.model.links, links_alone.segments.len());
-            let (model, motions) =
-                place_with_stations(links, &flanges, &points, n_targets, MIN_OF_SETUP);
+            let (model, motions) = placed_at(links, &flange, &placed.points, n_targets);
             corrected.model = model;
             placed.points = with_stations_moved(&placed.points, &motions);
         }
@@ -201,6 +187,19 @@ impl<'a> Layout<'a> {
         let n_turned = 3 * self.set.posed_targets().len();
         6 * self.arrangement.motions.len() + 3 * n_targets + n_turned
     }
+}
+
+/// Places a robot, whose flange is known at each observation, on the points with weight: base, targets and stations, by one least-squares fit.
+/// Also returns the motions of the stations.
+fn placed_at(
+    links: &[Link],
+    flange: &dyn Fn(&Observation) -> IsometryMatrix3<f64>,
+    observations: &[Observation],
+    n_targets: usize,
+) -> (KinematicModel, Vec<IsometryMatrix3<f64>>) {
+    let points = with_weight(observations);
+    let flanges: Vec<IsometryMatrix3<f64>> = points.iter().map(flange).collect();
+    place_with_stations(links, &flanges, &points, n_targets, MIN_OF_SETUP)
 }
 
 /// Stations that a set was measured from.

@@ -62,6 +62,21 @@ pub fn reach_mm<'a>(
     of_links.max(of_points).max(f64::MIN_POSITIVE)
 }
 
+/// The stations whose motions are variables. The reference station stays where it is, and so does a station with fewer than `least` observations. If
+/// the reference has too few to place the base, the last station that has enough stays too.
+pub fn moving_stations(observations: &[Observation], least: usize) -> BTreeSet<usize> {
+    let mut n_of: BTreeMap<Option<usize>, usize> = BTreeMap::new();
+    for o in observations {
+        *n_of.entry(o.station).or_default() += 1;
+    }
+    let has_enough = |station: &&Option<usize>| n_of[*station] >= MIN_OF_STATION;
+    let of_reference = n_of.keys().filter(|station| station.is_none());
+    let mut first = of_reference.chain(n_of.keys().rev());
+    let held = first.find(has_enough).copied();
+    n_of.retain(|station, n| *n >= least && Some(*station) != held);
+    n_of.into_keys().flatten().collect()
+}
+
 impl<'a> Problem<'a> {
     /// The problem of the observations with nonzero weight, with the parameters' own priors.
     pub fn new(
@@ -127,22 +142,10 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// The same problem with the motions of the instrument's stations as further variables. `observations` are those of the problem, with or
-    /// without weight. The reference station stays where it is, and so does a station with fewer than `least` observations. If the reference
-    /// has too few to place the base, the last station that has enough stays too.
+    /// The same problem with the motions of the instrument's stations as further variables ([`moving_stations`]). `observations` are those of the
+    /// problem, with or without weight.
     pub fn with_stations(mut self, observations: &[Observation], least: usize) -> Self {
-        let mut n_of: BTreeMap<Option<usize>, usize> = BTreeMap::new();
-        observations
-            .iter()
-            .for_each(|o| *n_of.entry(o.station).or_default() += 1);
-        let has_enough = |station: &&Option<usize>| n_of[*station] >= MIN_OF_STATION;
-        let of_reference = n_of.keys().filter(|station| station.is_none());
-        let held = of_reference
-            .chain(n_of.keys().rev())
-            .find(has_enough)
-            .copied();
-        n_of.retain(|station, n| *n >= least && Some(*station) != held);
-        let moving: BTreeSet<usize> = n_of.into_keys().flatten().collect();
+        let moving = moving_stations(observations, least);
         for block in &mut self.blocks {
             block.station = block.measured.station.filter(|s| moving.contains(s));
         }
